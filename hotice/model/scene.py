@@ -1,0 +1,301 @@
+"""Scenes: bounds, start, goal and obstacles, and the file format hotice-scene/1.
+
+World frame W: z up, floor at z = 0. The floor is not an obstacle. A scene that exists is valid: the constructor checks
+everything that the file reader checks, each failure being one line of `InvalidScene`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hotice.errors import InvalidScene, UnknownName
+from hotice.model.frames import quat_to_mat
+from hotice.model.shapes import MeshShape, Shape, check_keys, number, shape_from_dict, vector
+
+FORMAT = "hotice-scene/1"
+CATEGORIES = ("ground", "side", "overhead")
+GOAL_HEIGHT_M = 0.75
+"""Pelvis height, at which the field's goal is taken."""
+MAX_GRID_NODES = 50_000_000
+MAX_FILE_BYTES = 64 * 2**20
+COLUMN_HEIGHTS_M = (*(0.1 * i for i in range(1, 13)), GOAL_HEIGHT_M)
+"""Heights at which start and goal must be clear of obstacles."""
+SHIPPED = Path(__file__).resolve().parent.parent / "scenes"
+
+Vec3 = tuple[float, float, float]
+Quat = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A static shape at pose X_WB. `category`: ground, side or overhead. Raises `InvalidScene`."""
+
+    name: str
+    category: str
+    shape: Shape
+    position_m: Vec3
+    quaternion_wxyz: Quat = (1.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _check_name("obstacle", self.name)
+        where = f"obstacle {self.name!r}"
+        if self.category not in CATEGORIES:
+            raise InvalidScene(f"{where} has unknown category {self.category!r}: known are {', '.join(CATEGORIES)}")
+        if not isinstance(self.shape, Shape):
+            raise InvalidScene(f"{where} has shape {self.shape!r}: a shape of hotice.model.shapes is needed")
+        object.__setattr__(self, "position_m", vector(f"{where} position_m", self.position_m, 3))
+        quat = np.array(vector(f"{where} quaternion_wxyz", self.quaternion_wxyz, 4))
+        norm = float(np.linalg.norm(quat))
+        if abs(norm - 1.0) > 1e-3:
+            raise InvalidScene(f"{where} quaternion_wxyz has length {norm:.4g}: a unit quaternion w, x, y, z is needed")
+        if abs(norm - 1.0) > 1e-12:
+            quat = quat / norm
+        object.__setattr__(self, "quaternion_wxyz", tuple(quat.tolist()))
+
+    def signed_distance(self, p_W: ArrayLike) -> NDArray[np.float64]:
+        """Exact, (..., 3) in W [m] -> (...) [m], negative inside."""
+        R_WB = quat_to_mat(self.quaternion_wxyz)
+        return self.shape.signed_distance((np.asarray(p_W, dtype=np.float64) - self.position_m) @ R_WB)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "name": self.name, "category": self.category, "shape": self.shape.to_dict(),
+            "position_m": list(self.position_m), "quaternion_wxyz": list(self.quaternion_wxyz),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A place to carry an object through.
+
+    `bounds_m`: lowest and highest corner in W; `start`: x, y [m], yaw [rad] of the pelvis; `goal`: x, y [m].
+    Raises `InvalidScene`, see the module.
+    """
+
+    name: str
+    bounds_m: tuple[Vec3, Vec3] = ((-0.5, -1.0, 0.0), (2.5, 1.0, 1.5))
+    start: Vec3 = (0.0, 0.0, 0.0)
+    goal: tuple[float, float] = (2.0, 0.0)
+    obstacles: tuple[Obstacle, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_name("scene", self.name)
+        if not isinstance(self.bounds_m, list | tuple | np.ndarray) or len(self.bounds_m) != 2:
+            raise InvalidScene(f"bounds_m is {self.bounds_m!r}: lowest and highest corner, each x, y, z, are needed")
+        low, high = (vector(f"bounds_m[{i}]", b, 3) for i, b in enumerate(self.bounds_m))
+        object.__setattr__(self, "bounds_m", (low, high))
+        object.__setattr__(self, "start", vector("start", self.start, 3))
+        object.__setattr__(self, "goal", vector("goal", self.goal, 2))
+        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        _check_bounds(low, high)
+        _check_names(self.obstacles)
+        _check_clear(self)
+
+    @property
+    def goal_W(self) -> NDArray[np.float64]:
+        """The field's goal, (3,) in W [m], at pelvis height."""
+        return np.array([*self.goal, GOAL_HEIGHT_M])
+
+    def signed_distance(self, p_W: ArrayLike) -> NDArray[np.float64]:
+        """Exact distance to the nearest obstacle, (..., 3) in W [m] -> (...) [m]; inf without obstacles."""
+        p_W = np.asarray(p_W, dtype=np.float64)
+        result = np.full(p_W.shape[:-1], np.inf)
+        for obstacle in self.obstacles:
+            result = np.minimum(result, obstacle.signed_distance(p_W))
+        return result
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of a scene file."""
+        return {
+            "format": FORMAT,
+            "name": self.name,
+            "bounds_m": [list(b) for b in self.bounds_m],
+            "start": {"position_m": list(self.start[:2]), "yaw_rad": self.start[2]},
+            "goal": {"position_m": list(self.goal)},
+            "obstacles": [o.to_dict() for o in self.obstacles],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], folder: str | Path | None = None) -> Scene:
+        """Inverse of `to_dict`; mesh files are looked up in `folder`. Raises `InvalidScene`."""
+        if isinstance(data, Mapping) and data.get("format") != FORMAT:
+            raise InvalidScene(f"scene format is {data.get('format')!r}: known is {FORMAT!r}")
+        check_keys("scene", data, ("format", "name", "bounds_m", "start", "goal", "obstacles"))
+        check_keys("start", data["start"], ("position_m",), ("yaw_rad",))
+        check_keys("goal", data["goal"], ("position_m",))
+        if not isinstance(data["obstacles"], list | tuple):
+            raise InvalidScene(f"obstacles is {data['obstacles']!r}: a list is needed")
+        yaw = number("start yaw_rad", data["start"].get("yaw_rad", 0.0))
+        start = (*vector("start position_m", data["start"]["position_m"], 2), yaw)
+        goal = vector("goal position_m", data["goal"]["position_m"], 2)
+        base = None if folder is None else Path(folder)
+        obstacles = tuple(_obstacle_from_dict(i, entry, base) for i, entry in enumerate(data["obstacles"]))
+        return cls(data["name"], data["bounds_m"], cast(Vec3, start), cast(tuple[float, float], goal), obstacles)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scene:
+        """Reads a scene file. Raises `InvalidScene` naming the file and what is wrong with it."""
+        path = Path(path)
+        try:
+            return cls.from_dict(_read_json(path), folder=path.parent)
+        except InvalidScene as error:
+            raise InvalidScene(f"{path}: {error}") from None
+
+    def save(self, path: str | Path) -> None:
+        """Writes a scene file, whole or not at all; mesh files are copied beside it when the folder is another.
+
+        Raises `InvalidScene` when the folder is missing or not writable, or would hold another mesh of that name.
+        """
+        path = Path(path)
+        text = json.dumps(self.to_dict(), indent=1) + "\n"
+        try:
+            for shape in {o.shape for o in self.obstacles if isinstance(o.shape, MeshShape)}:
+                _copy_mesh(shape, path.parent)
+            _write_aside(path, text.encode())
+        except OSError as error:
+            raise InvalidScene(f"{path}: cannot be written: {error.strerror or error}") from None
+
+    def renamed(self, name: str) -> Scene:
+        """The same scene under another name."""
+        return replace(self, name=name)
+
+
+def shipped_scenes() -> tuple[str, ...]:
+    """Names of the scenes that come with hotice."""
+    return tuple(sorted(p.stem for p in SHIPPED.glob("*.json")))
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """A shipped scene by name, or a scene file by path. Raises `UnknownName` (listing the names) or `InvalidScene`."""
+    text = str(name_or_path)
+    if text in shipped_scenes():
+        return Scene.load(SHIPPED / f"{text}.json")
+    path = Path(text)
+    if path.suffix == ".json" or len(path.parts) > 1 or path.is_file():
+        return Scene.load(path)
+    raise UnknownName("scene", text, (*shipped_scenes(), "or the path of a .json file"))
+
+
+def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
+    """Scenes by name, file or folder (every .json in it, sorted). Raises as `load_scene`, also for an empty folder."""
+    scenes: list[Scene] = []
+    for item in items:
+        if str(item) not in shipped_scenes() and Path(item).is_dir():
+            files = sorted(Path(item).glob("*.json"))
+            if not files:
+                raise InvalidScene(f"{item}: the folder holds no .json scene file")
+            scenes += [Scene.load(file) for file in files]
+        else:
+            scenes.append(load_scene(item))
+    return scenes
+
+
+def _check_name(kind: str, name: object) -> None:
+    if not isinstance(name, str) or not name.strip() or len(name) > 200 or not name.isprintable():
+        shown = repr(name) if len(repr(name)) < 80 else repr(name)[:77] + "..."
+        raise InvalidScene(f"{kind} name is {shown}: 1 to 200 printable characters are needed")
+
+
+def _check_bounds(low: tuple[float, ...], high: tuple[float, ...]) -> None:
+    extent = np.subtract(high, low)
+    if (extent < 0.2).any():
+        raise InvalidScene(f"bounds_m {low} .. {high}: each of x, y, z must grow by at least 0.2 m")
+    if extent.prod() / 0.04**3 > MAX_GRID_NODES:
+        raise InvalidScene(
+            f"bounds_m {low} .. {high} need more than {MAX_GRID_NODES:,} grid nodes of 0.04 m: make them smaller"
+        )
+    if not low[2] < GOAL_HEIGHT_M < high[2]:
+        raise InvalidScene(f"bounds_m z {low[2]:g} .. {high[2]:g} must hold the pelvis height {GOAL_HEIGHT_M} m")
+
+
+def _check_names(obstacles: tuple[Obstacle, ...]) -> None:
+    seen: set[str] = set()
+    for obstacle in obstacles:
+        if not isinstance(obstacle, Obstacle):
+            raise InvalidScene(f"obstacles holds {obstacle!r}: an Obstacle is needed")
+        if obstacle.name in seen:
+            raise InvalidScene(f"obstacle name {obstacle.name!r} occurs twice: names must differ")
+        seen.add(obstacle.name)
+
+
+def _check_clear(scene: Scene) -> None:
+    low, high = scene.bounds_m
+    for what, xy in (("start", scene.start[:2]), ("goal", scene.goal)):
+        if any(not low[i] <= xy[i] <= high[i] for i in range(2)):
+            raise InvalidScene(f"{what} {xy} is outside bounds_m x {low[0]:g} .. {high[0]:g}, y {low[1]:g} .. {high[1]:g}")
+        heights = [z for z in COLUMN_HEIGHTS_M if low[2] <= z <= high[2]]
+        column = np.array([[*xy, z] for z in heights])
+        for obstacle in scene.obstacles:
+            if (obstacle.signed_distance(column) <= 0).any():
+                raise InvalidScene(f"{what} {xy} is inside obstacle {obstacle.name!r} at a height of 0.1 to 1.2 m")
+
+
+def _obstacle_from_dict(index: int, entry: Any, folder: Path | None) -> Obstacle:
+    required = ("name", "category", "shape", "position_m")
+    check_keys(f"obstacles[{index}]", entry, required, ("quaternion_wxyz",))
+    _check_name(f"obstacles[{index}]", entry["name"])
+    try:
+        shape = shape_from_dict(entry["shape"], folder)
+    except InvalidScene as error:
+        raise InvalidScene(f"obstacle {entry['name']!r}: {error}") from None
+    quat = entry.get("quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))
+    return Obstacle(entry["name"], entry["category"], shape, entry["position_m"], quat)
+
+
+def _read_json(path: Path) -> Any:
+    def constant(word: str) -> float:
+        raise InvalidScene(f"holds {word}: numbers must be finite")
+
+    def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [k for k, _ in items]
+        twice = sorted({k for k in keys if keys.count(k) > 1})
+        if twice:
+            raise InvalidScene(f"key {twice[0]!r} occurs twice in one mapping")
+        return dict(items)
+
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InvalidScene(f"is larger than {MAX_FILE_BYTES // 2**20} MiB")
+        return json.loads(path.read_bytes().decode(), parse_constant=constant, object_pairs_hook=pairs)
+    except FileNotFoundError:
+        raise InvalidScene("no such scene file") from None
+    except OSError as error:
+        raise InvalidScene(f"cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError) as error:
+        raise InvalidScene(f"is not JSON: {error}") from None
+
+
+def _copy_mesh(shape: MeshShape, folder: Path) -> None:
+    target = folder / shape.file
+    if target.resolve() == shape.path:
+        return
+    content = shape.path.read_bytes()
+    if not target.resolve().is_relative_to(folder.resolve()):
+        raise InvalidScene(f"mesh file {shape.file!r} would be written outside {folder}")
+    if target.exists():
+        if target.read_bytes() != content:
+            raise InvalidScene(f"{target} exists and is another mesh: save the scene to another folder")
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    _write_aside(target, content)
+
+
+def _write_aside(path: Path, content: bytes) -> None:
+    handle, aside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            os.fchmod(file.fileno(), 0o644)
+        os.replace(aside, path)
+    except BaseException:
+        Path(aside).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,240 @@
+"""Obstacle shapes and their exact signed distance, in the shape's own frame [m]; negative inside.
+
+Cylinders and capsules lie along local z, centred; `length_m` of a capsule is its cylindrical part. A mesh keeps its
+file's frame, scaled about the origin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.errors import InvalidScene
+
+Points = NDArray[np.float64]
+MESH_SUFFIXES = (".obj", ".off", ".ply", ".stl")
+MAX_LENGTH_M = 1e4
+
+
+def number(where: str, value: object) -> float:
+    """`value` as a finite float no larger than 10 km, or `InvalidScene` that starts with `where`."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise InvalidScene(f"{where} is {value!r}: a number is needed")
+    if isinstance(value, int) and abs(value) > MAX_LENGTH_M or not math.isfinite(value) or abs(value) > MAX_LENGTH_M:
+        shown = value if isinstance(value, float) else "an integer"
+        raise InvalidScene(f"{where} is {shown}: a finite number of at most {MAX_LENGTH_M:g} is needed")
+    return float(value)
+
+
+def positive(where: str, value: object) -> float:
+    """`number` above 1e-6."""
+    result = number(where, value)
+    if result < 1e-6:
+        raise InvalidScene(f"{where} is {result:g}: a number above 0 is needed")
+    return result
+
+
+def vector(where: str, value: object, length: int) -> tuple[float, ...]:
+    """`length` finite numbers, or `InvalidScene` that starts with `where`."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, list | tuple) or len(value) != length:
+        raise InvalidScene(f"{where} is {value!r}: a list of {length} numbers is needed")
+    return tuple(number(f"{where}[{i}]", v) for i, v in enumerate(value))
+
+
+def check_keys(where: str, data: object, required: tuple[str, ...], optional: tuple[str, ...] = ()) -> None:
+    """`InvalidScene` unless `data` is a mapping with all `required` keys and none beside `optional` ones."""
+    if not isinstance(data, Mapping):
+        raise InvalidScene(f"{where} is {data!r}: a mapping with {', '.join(required)} is needed")
+    for kind, keys in (("lacks", set(required) - set(data)), ("has unknown", set(data) - {*required, *optional})):
+        if keys:
+            names = ", ".join(sorted(map(repr, keys)))
+            raise InvalidScene(f"{where} {kind} {names}: allowed are {', '.join((*required, *optional))}")
+
+
+class Shape:
+    """Base of the obstacle shapes. `type` is the word used in scene files, `keys` the entries beside it."""
+
+    type: ClassVar[str]
+    keys: ClassVar[tuple[str, ...]]
+
+    def to_dict(self) -> dict[str, Any]:
+        values = {key: getattr(self, key) for key in self.keys}
+        return {"type": self.type} | {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+
+    def signed_distance(self, p: Points) -> Points:
+        """(..., 3) in the shape's frame [m] -> (...) [m], negative inside."""
+        raise NotImplementedError
+
+    def bounding_radius_m(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class BoxShape(Shape):
+    """A cuboid of full extent `size_m`."""
+
+    size_m: tuple[float, float, float]
+    type: ClassVar[str] = "box"
+    keys: ClassVar[tuple[str, ...]] = ("size_m",)
+
+    def __post_init__(self) -> None:
+        size = vector("box size_m", self.size_m, 3)
+        object.__setattr__(self, "size_m", tuple(positive(f"box size_m[{i}]", v) for i, v in enumerate(size)))
+
+    def signed_distance(self, p: Points) -> Points:
+        q = np.abs(p) - 0.5 * np.array(self.size_m)
+        return np.linalg.norm(np.maximum(q, 0.0), axis=-1) + np.minimum(q.max(axis=-1), 0.0)
+
+    def bounding_radius_m(self) -> float:
+        return 0.5 * math.hypot(*self.size_m)
+
+
+@dataclass(frozen=True)
+class CylinderShape(Shape):
+    """A flat-ended cylinder along local z."""
+
+    radius_m: float
+    length_m: float
+    type: ClassVar[str] = "cylinder"
+    keys: ClassVar[tuple[str, ...]] = ("radius_m", "length_m")
+
+    def __post_init__(self) -> None:
+        _check_lengths(self)
+
+    def signed_distance(self, p: Points) -> Points:
+        radial = np.hypot(p[..., 0], p[..., 1]) - self.radius_m
+        axial = np.abs(p[..., 2]) - 0.5 * self.length_m
+        outside = np.hypot(np.maximum(radial, 0.0), np.maximum(axial, 0.0))
+        return outside + np.minimum(np.maximum(radial, axial), 0.0)
+
+    def bounding_radius_m(self) -> float:
+        return math.hypot(self.radius_m, 0.5 * self.length_m)
+
+
+@dataclass(frozen=True)
+class CapsuleShape(Shape):
+    """A capsule along local z; `length_m` is the distance between the centres of its caps."""
+
+    radius_m: float
+    length_m: float
+    type: ClassVar[str] = "capsule"
+    keys: ClassVar[tuple[str, ...]] = ("radius_m", "length_m")
+
+    def __post_init__(self) -> None:
+        _check_lengths(self)
+
+    def signed_distance(self, p: Points) -> Points:
+        half = 0.5 * self.length_m
+        along = p[..., 2] - np.clip(p[..., 2], -half, half)
+        return np.sqrt(p[..., 0] ** 2 + p[..., 1] ** 2 + along**2) - self.radius_m
+
+    def bounding_radius_m(self) -> float:
+        return self.radius_m + 0.5 * self.length_m
+
+
+@dataclass(frozen=True)
+class SphereShape(Shape):
+    """A ball."""
+
+    radius_m: float
+    type: ClassVar[str] = "sphere"
+    keys: ClassVar[tuple[str, ...]] = ("radius_m",)
+
+    def __post_init__(self) -> None:
+        _check_lengths(self)
+
+    def signed_distance(self, p: Points) -> Points:
+        return np.linalg.norm(p, axis=-1) - self.radius_m
+
+    def bounding_radius_m(self) -> float:
+        return self.radius_m
+
+
+@dataclass(frozen=True)
+class MeshShape(Shape):
+    """A watertight triangle mesh in `folder / file`, scaled by `scale`.
+
+    `file` is relative and must stay inside `folder`, also through symbolic links. Raises `InvalidScene` when the file
+    is missing, of another format, outside the folder, unreadable or not watertight (the last two when first used).
+    """
+
+    file: str
+    scale: float = 1.0
+    folder: Path = Path(".")
+    type: ClassVar[str] = "mesh"
+    keys: ClassVar[tuple[str, ...]] = ("file", "scale")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scale", positive("mesh scale", self.scale))
+        object.__setattr__(self, "folder", Path(self.folder))
+        if not isinstance(self.file, str) or not self.file or "\0" in self.file:
+            raise InvalidScene(f"mesh file is {self.file!r}: a path relative to the scene file is needed")
+        if Path(self.file).suffix.lower() not in MESH_SUFFIXES:
+            raise InvalidScene(f"mesh file {self.file!r} is of an unknown format: known are {', '.join(MESH_SUFFIXES)}")
+        try:
+            inside = self.path.is_relative_to(self.folder.resolve())
+            found = inside and self.path.is_file()
+        except (OSError, RuntimeError) as error:
+            raise InvalidScene(f"mesh file {self.file!r} cannot be resolved: {error}") from None
+        if not inside:
+            raise InvalidScene(f"mesh file {self.file!r} lies outside the scene's folder: copy it beside the scene file")
+        if not found:
+            raise InvalidScene(f"mesh file {self.file!r} is missing in {self.folder.resolve()}")
+
+    @property
+    def path(self) -> Path:
+        """The file with links and `..` resolved."""
+        return (self.folder / self.file).resolve()
+
+    def mesh(self):
+        """The loaded, scaled `hotice.model.meshes.TriangleMesh`; read once while the file stays unchanged."""
+        from hotice.model.meshes import load_mesh
+
+        return load_mesh(self.path, self.scale)
+
+    def signed_distance(self, p: Points) -> Points:
+        return self.mesh().signed_distance(p)
+
+    def bounding_radius_m(self) -> float:
+        return float(np.linalg.norm(self.mesh().vertices, axis=1).max())
+
+
+def _check_lengths(shape: Any) -> None:
+    for key in shape.keys:
+        object.__setattr__(shape, key, positive(f"{shape.type} {key}", getattr(shape, key)))
+
+
+SHAPES: dict[str, Callable[..., Shape]] = {
+    kind.type: kind for kind in (BoxShape, CylinderShape, CapsuleShape, SphereShape, MeshShape)
+}
+
+
+def shape_from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Shape:
+    """Shape of a scene file's `shape` entry; mesh files are looked up in `folder`. Raises `InvalidScene`."""
+    if not isinstance(data, Mapping) or "type" not in data:
+        raise InvalidScene(f"shape is {data!r}: a mapping with a type is needed ({', '.join(SHAPES)})")
+    kind = data["type"]
+    if not isinstance(kind, str) or kind not in SHAPES:
+        raise InvalidScene(f"unknown shape type {kind!r}: known are {', '.join(SHAPES)}")
+    cls: Any = SHAPES[kind]
+    if cls is MeshShape:
+        check_keys("mesh shape", data, ("type", "file"), ("scale",))
+        if folder is None:
+            raise InvalidScene("a mesh needs the scene's folder: load the scene from a file, or pass folder=")
+        return MeshShape(data["file"], data.get("scale", 1.0), folder)
+    check_keys(f"{kind} shape", data, ("type", *cls.keys))
+    return cls(**{key: data[key] for key in cls.keys})
+
+
+def signed_distance(shape: Shape, p_local: Points) -> Points:
+    """Exact signed distance, (..., 3) in the shape's frame [m] -> (...) [m], negative inside."""
+    return shape.signed_distance(np.asarray(p_local, dtype=np.float64))
