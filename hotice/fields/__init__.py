@@ -1,0 +1,28 @@
+"""What guides: signed and geodesic distance, SGF, OGF and their sampling. torch is imported only where it is used."""
+
+from typing import TYPE_CHECKING, Any
+
+from hotice.fields.hod_pf import GuidanceField, HodPf, build_hod_pf
+from hotice.fields.potential import FieldParams
+
+if TYPE_CHECKING:
+    from hotice.fields.alignment import cosine, encode, residual_cosine
+    from hotice.fields.bank import FieldBank, FieldSample
+
+_LAZY = {
+    "FieldBank": "bank", "FieldSample": "bank",
+    "cosine": "alignment", "encode": "alignment", "residual_cosine": "alignment",
+}  # fmt: skip
+
+__all__ = [
+    "FieldBank", "FieldParams", "FieldSample", "GuidanceField", "HodPf",
+    "build_hod_pf", "cosine", "encode", "residual_cosine",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)

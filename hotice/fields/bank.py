@@ -1,0 +1,127 @@
+"""Fields of many scenes at once, sampled by scene index: what the batched simulator uses."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hotice.errors import InvalidConfig, UnknownName
+from hotice.fields import sample, torch_sample
+from hotice.fields.hod_pf import check_margin
+from hotice.fields.potential import FieldParams
+from hotice.fields.volumes import Volumes, solve_scene, stack
+from hotice.model.scene import Scene
+
+FIELDS = ("sgf", "ogf")
+
+
+class FieldSample(NamedTuple):
+    """At N x K points: force (N, K, 3), distance to the field's own (inflated) obstacles (N, K) [m], and geodesic
+    distance to the goal (N, K) [m], finite also where no path leads."""
+
+    force_W: Tensor
+    signed_distance: Tensor
+    geodesic: Tensor
+
+
+class FieldBank:
+    """SGF and OGF of S scenes, whose extents may differ. Build with `FieldBank.build`.
+
+    `names`, `goal_W` (S, 3) [m], `start` (S, 3) x, y [m], yaw [rad]. On the CPU queries run compiled and without copies
+    and carry no gradient; on other devices in torch. Scene ids are checked on the CPU only.
+    """
+
+    def __init__(
+        self, scenes: Sequence[Scene], volumes: Volumes, margin_m: float, params: FieldParams,
+        device: torch.device | str = "cpu",
+    ) -> None:  # fmt: skip
+        self.scenes = tuple(scenes)
+        self.names = [s.name for s in scenes]
+        self.margin_m = margin_m
+        self.params = params
+        self.device = torch.device(device)
+        self.volumes = volumes
+        self.goal_W = torch.tensor(np.array([s.goal_W for s in scenes]), dtype=torch.float32, device=device)
+        self.start = torch.tensor(np.array([s.start for s in scenes]), dtype=torch.float32, device=device)
+        self._torch = None if self.device.type == "cpu" else torch_sample.TorchVolumes.of(volumes, device)
+
+    @classmethod
+    def build(
+        cls, scenes: Sequence[Scene], resolution_m: float = 0.04, margin_m: float = 0.08,
+        params: FieldParams | None = None, progress: bool = False, workers: int | None = None,
+    ) -> FieldBank:  # fmt: skip
+        """Solves every scene, `workers` at a time (default: 2, or 1 on one core).
+
+        Raises `InvalidConfig` without scenes or for a resolution or margin outside the allowed range.
+        """
+        scenes = list(scenes)
+        if not scenes:
+            raise InvalidConfig("no scenes: a field bank needs at least one")
+        margin_m = check_margin(margin_m)
+        nodes = []
+        with ThreadPoolExecutor(workers or min(2, os.cpu_count() or 1)) as pool:
+            for solved in pool.map(lambda s: solve_scene(s, resolution_m, (0.0, margin_m)), scenes):
+                nodes.append(solved)
+                if progress:
+                    print(f"\rfields {len(nodes)}/{len(scenes)}", end="", flush=True)
+        if progress:
+            print()
+        return cls(scenes, stack(nodes), margin_m, params or FieldParams())
+
+    @property
+    def num_scenes(self) -> int:
+        return len(self.scenes)
+
+    def to(self, device: torch.device | str) -> FieldBank:
+        """The bank on another device (itself when it is there already)."""
+        device = torch.device(device)
+        if device == self.device:
+            return self
+        return FieldBank(self.scenes, self.volumes, self.margin_m, self.params, device)
+
+    def index(self, name: str) -> int:
+        """Id of a scene. Raises `UnknownName`."""
+        if name not in self.names:
+            raise UnknownName("scene", name, self.names)
+        return self.names.index(name)
+
+    def sample(self, field: str, scene_ids: Tensor, p_W: Tensor) -> FieldSample:
+        """Field "sgf" or "ogf" at p_W (N, K, 3) float32 in W [m] of scenes (N,) int64. Raises `UnknownName`."""
+        if field not in FIELDS:
+            raise UnknownName("field", field, FIELDS)
+        which = FIELDS.index(field)
+        margin_m = self.margin_m if which else 0.0
+        scene_ids, p_W = self._check(scene_ids, p_W)
+        if self._torch is not None:
+            return FieldSample(*torch_sample.sample_field(self._torch, which, margin_m, self.params, scene_ids, p_W))
+        out = FieldSample(torch.empty_like(p_W), torch.empty(p_W.shape[:2]), torch.empty(p_W.shape[:2]))
+        buffers = (t.numpy() for t in out)
+        sample.sample_field(
+            self.volumes, which, margin_m, self.params, scene_ids.numpy(), p_W.numpy(), *buffers
+        )
+        return out
+
+    def signed_distance(self, scene_ids: Tensor, p_W: Tensor) -> Tensor:
+        """Distance to the scene's own, uninflated obstacles, (N,), (N, K, 3) in W [m] -> (N, K) [m]."""
+        scene_ids, p_W = self._check(scene_ids, p_W)
+        if self._torch is not None:
+            return torch_sample.sample_distance(self._torch, scene_ids, p_W)
+        out = torch.empty(p_W.shape[:2])
+        sample.sample_distance(self.volumes, scene_ids.numpy(), p_W.numpy(), out.numpy())
+        return out
+
+    def _check(self, scene_ids: Tensor, p_W: Tensor) -> tuple[Tensor, Tensor]:
+        if p_W.ndim != 3 or p_W.shape[2] != 3 or scene_ids.shape != p_W.shape[:1]:
+            raise ValueError(f"scene_ids {tuple(scene_ids.shape)}, p_W {tuple(p_W.shape)}: (N,) and (N, K, 3) are needed")
+        if self._torch is not None:
+            return scene_ids, p_W
+        scene_ids = scene_ids.detach().to(dtype=torch.int64).contiguous()
+        if len(scene_ids) and not (0 <= int(scene_ids.min()) and int(scene_ids.max()) < self.num_scenes):
+            raise IndexError(f"scene ids {int(scene_ids.min())} .. {int(scene_ids.max())}: {self.num_scenes} scenes exist")
+        return scene_ids, p_W.detach().to(dtype=torch.float32).contiguous()
