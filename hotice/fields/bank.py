@@ -22,8 +22,10 @@ FIELDS = ("sgf", "ogf")
 
 
 class FieldSample(NamedTuple):
-    """At N x K points: force (N, K, 3), distance to the field's own (inflated) obstacles (N, K) [m], and geodesic
-    distance to the goal (N, K) [m], finite also where no path leads."""
+    """Force (N, K, 3), distance to the field's own (inflated) obstacles and geodesic distance to the goal (N, K) [m].
+
+    The geodesic distance is finite also where no path leads.
+    """
 
     force_W: Tensor
     signed_distance: Tensor
@@ -76,6 +78,7 @@ class FieldBank:
 
     @property
     def num_scenes(self) -> int:
+        """S."""
         return len(self.scenes)
 
     def to(self, device: torch.device | str) -> FieldBank:
@@ -102,9 +105,7 @@ class FieldBank:
             return FieldSample(*torch_sample.sample_field(self._torch, which, margin_m, self.params, scene_ids, p_W))
         out = FieldSample(torch.empty_like(p_W), torch.empty(p_W.shape[:2]), torch.empty(p_W.shape[:2]))
         buffers = (t.numpy() for t in out)
-        sample.sample_field(
-            self.volumes, which, margin_m, self.params, scene_ids.numpy(), p_W.numpy(), *buffers
-        )
+        sample.sample_field(self.volumes, which, margin_m, self.params, scene_ids.numpy(), p_W.numpy(), *buffers)
         return out
 
     def signed_distance(self, scene_ids: Tensor, p_W: Tensor) -> Tensor:
@@ -118,10 +119,12 @@ class FieldBank:
 
     def _check(self, scene_ids: Tensor, p_W: Tensor) -> tuple[Tensor, Tensor]:
         if p_W.ndim != 3 or p_W.shape[2] != 3 or scene_ids.shape != p_W.shape[:1]:
-            raise ValueError(f"scene_ids {tuple(scene_ids.shape)}, p_W {tuple(p_W.shape)}: (N,) and (N, K, 3) are needed")
+            shapes = f"scene_ids {tuple(scene_ids.shape)}, p_W {tuple(p_W.shape)}"
+            raise ValueError(f"{shapes}: (N,) and (N, K, 3) are needed")
         if self._torch is not None:
             return scene_ids, p_W
         scene_ids = scene_ids.detach().to(dtype=torch.int64).contiguous()
-        if len(scene_ids) and not (0 <= int(scene_ids.min()) and int(scene_ids.max()) < self.num_scenes):
-            raise IndexError(f"scene ids {int(scene_ids.min())} .. {int(scene_ids.max())}: {self.num_scenes} scenes exist")
+        low, high = (int(scene_ids.min()), int(scene_ids.max())) if len(scene_ids) else (0, 0)
+        if low < 0 or high >= self.num_scenes:
+            raise IndexError(f"scene ids {low} .. {high}: the bank holds 0 .. {self.num_scenes - 1}")
         return scene_ids, p_W.detach().to(dtype=torch.float32).contiguous()

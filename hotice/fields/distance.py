@@ -48,6 +48,7 @@ class Grid:
 
     @property
     def size(self) -> int:
+        """Number of nodes."""
         return self.shape[0] * self.shape[1] * self.shape[2]
 
     def points(self, index: NDArray[np.integer] | None = None) -> NDArray[np.float64]:
@@ -73,7 +74,7 @@ def grid_distance(scene: Scene, grid: Grid) -> NDArray[np.float64]:
 def segments_blocked(
     scene: Scene, a_W: NDArray[np.float64], b_W: NDArray[np.float64], margin_m: float, steps: int = 32
 ) -> NDArray[np.bool_]:
-    """Whether segments a-b, (n, 3) each, meet obstacles inflated by the margin: sphere tracing, grazing counts as yes."""
+    """Whether segments a-b, (n, 3) each, meet the inflated obstacles, by sphere tracing; grazing counts as yes."""
     span = b_W - a_W
     length = np.linalg.norm(span, axis=1)
     direction = span / np.maximum(length, 1e-12)[:, None]

@@ -27,9 +27,12 @@ MAX_MARGIN_M = 1.0
 
 
 class GuidanceField:
-    """One field over one scene. Positions are (..., 3) in W [m], numpy or torch; results are of the same kind, dtype
-    and device. Everything but `geodesic_distance` is finite for finite positions, outside the grid's box as on its
-    border. Raises `ValueError` for positions whose last axis is not 3."""
+    """One field over one scene.
+
+    Positions are (..., 3) in W [m], numpy or torch; results are of the same kind, dtype and device. Everything but
+    `geodesic_distance` is finite for finite positions; outside the grid's box the nearest point of the box counts.
+    Raises `ValueError` for positions whose last axis is not 3.
+    """
 
     def __init__(
         self, volumes: Volumes, index: int, reached: NDArray[np.bool_], margin_m: float, params: FieldParams
@@ -146,9 +149,7 @@ def build_hod_pf(
     params = params or FieldParams()
     nodes = solve_scene(scene, resolution_m, (0.0, margin_m))
     volumes = stack([nodes])
-    sgf, ogf = (
-        GuidanceField(volumes, i, nodes.reached[i], margin, params) for i, margin in enumerate((0.0, margin_m))
-    )
+    sgf, ogf = (GuidanceField(volumes, i, nodes.reached[i], margin, params) for i, margin in enumerate((0.0, margin_m)))
     return HodPf(scene, nodes.grid, sgf, ogf, margin_m, params)
 
 

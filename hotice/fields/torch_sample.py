@@ -24,6 +24,7 @@ class TorchVolumes:
 
     @classmethod
     def of(cls, volumes: Volumes, device: torch.device | str = "cpu") -> TorchVolumes:
+        """The tensors of `volumes` on a device."""
         origin, shape, offset, sdf, *geo = (
             torch.from_numpy(a).to(device)
             for a in (volumes.origin, volumes.shape, volumes.offset, volumes.sdf, *volumes.geo)
@@ -32,7 +33,7 @@ class TorchVolumes:
 
 
 def _grid_coordinates(v: TorchVolumes, ids: Tensor, p_W: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """u (N, K, 3) clamped to the box, shape (N, 1, 3) and first node (N, 1)."""
+    """Coordinates u (N, K, 3) clamped to the box, shape (N, 1, 3) and first node (N, 1)."""
     shape = v.shape[ids][:, None]
     u = (p_W - v.origin[ids][:, None]) / v.resolution_m
     return _clamp(u, shape), shape, v.offset[ids][:, None]

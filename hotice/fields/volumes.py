@@ -29,6 +29,7 @@ class Volumes:
 
     @property
     def nbytes(self) -> int:
+        """Memory of the node values."""
         return self.sdf.nbytes + sum(g.nbytes for g in self.geo)
 
 

@@ -15,7 +15,7 @@ def normalize(v: ArrayLike, eps: float = 1e-12) -> Array:
 
 
 def quat_mul(a: ArrayLike, b: ArrayLike) -> Array:
-    """Hamilton product, (..., 4) x (..., 4) -> (..., 4): quat_AC = quat_mul(quat_AB, quat_BC)."""
+    """Hamilton product, (..., 4) x (..., 4) -> (..., 4): quat_AB times quat_BC is quat_AC."""
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     aw, ax, ay, az = np.moveaxis(a, -1, 0)
     bw, bx, by, bz = np.moveaxis(b, -1, 0)
@@ -36,7 +36,7 @@ def quat_conj(q: ArrayLike) -> Array:
 
 
 def quat_rotate(q: ArrayLike, v: ArrayLike) -> Array:
-    """Rotates vectors, (..., 4), (..., 3) -> (..., 3): v_A = quat_rotate(quat_AB, v_B); leading axes broadcast."""
+    """Rotates vectors: quat_AB (..., 4) and v_B (..., 3) give v_A (..., 3); leading axes broadcast."""
     q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
     w, u = q[..., :1], q[..., 1:]
     t = 2.0 * np.cross(u, v)
@@ -75,7 +75,7 @@ def quat_to_mat(q: ArrayLike) -> Array:
 
 
 def mat_to_quat(R: ArrayLike) -> Array:
-    """Unit quaternions with w >= 0, (..., 3, 3) -> (..., 4). The best conditioned of four formulas is taken per item."""
+    """Unit quaternions with w >= 0, (..., 3, 3) -> (..., 4). The best conditioned of four formulas is taken."""
     R = np.asarray(R, dtype=float)
     m00, m01, m02 = np.moveaxis(R[..., 0, :], -1, 0)
     m10, m11, m12 = np.moveaxis(R[..., 1, :], -1, 0)

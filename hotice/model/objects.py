@@ -75,6 +75,7 @@ class Box(_Carried):
 
     @property
     def volume_m3(self) -> float:
+        """Volume [m^3]."""
         return float(np.prod(self.size_m))
 
     @property
@@ -88,6 +89,7 @@ class Box(_Carried):
         return "box", tuple(float(v) for v in self.half_extents_m)
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain values, the input of `object_from_dict`."""
         return {"shape": self.shape, "size_m": list(self.size_m), "mass_kg": self.mass_kg}
 
 
@@ -116,6 +118,7 @@ class Cylinder(_Carried):
 
     @property
     def volume_m3(self) -> float:
+        """Volume [m^3]."""
         return math.pi * self.radius_m**2 * self.length_m
 
     @property
@@ -129,6 +132,7 @@ class Cylinder(_Carried):
         return "cylinder", (self.radius_m, 0.5 * self.length_m)
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain values, the input of `object_from_dict`."""
         return {"shape": self.shape, "radius_m": self.radius_m, "length_m": self.length_m, "mass_kg": self.mass_kg}
 
 
@@ -155,6 +159,7 @@ class Sphere(_Carried):
 
     @property
     def volume_m3(self) -> float:
+        """Volume [m^3]."""
         return 4.0 / 3.0 * math.pi * self.radius_m**3
 
     @property
@@ -167,6 +172,7 @@ class Sphere(_Carried):
         return "sphere", (self.radius_m,)
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain values, the input of `object_from_dict`."""
         return {"shape": self.shape, "radius_m": self.radius_m, "mass_kg": self.mass_kg}
 
 

@@ -66,7 +66,13 @@ class Obstacle:
         R_WB = quat_to_mat(self.quaternion_wxyz)
         return self.shape.signed_distance((np.asarray(p_W, dtype=np.float64) - self.position_m) @ R_WB)
 
+    def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
+        """Centre (3,) in W and radius [m] of a ball that holds the obstacle."""
+        centre, radius = self.shape.bounding_ball()
+        return self.position_m + quat_to_mat(self.quaternion_wxyz) @ centre, radius
+
     def to_dict(self) -> dict[str, Any]:
+        """The obstacle's entry in a scene file."""
         return {
             "name": self.name, "category": self.category, "shape": self.shape.to_dict(),
             "position_m": list(self.position_m), "quaternion_wxyz": list(self.quaternion_wxyz),
@@ -108,10 +114,14 @@ class Scene:
     def signed_distance(self, p_W: ArrayLike) -> NDArray[np.float64]:
         """Exact distance to the nearest obstacle, (..., 3) in W [m] -> (...) [m]; inf without obstacles."""
         p_W = np.asarray(p_W, dtype=np.float64)
-        result = np.full(p_W.shape[:-1], np.inf)
+        flat = p_W.reshape(-1, 3)
+        result = np.full(len(flat), np.inf)
         for obstacle in self.obstacles:
-            result = np.minimum(result, obstacle.signed_distance(p_W))
-        return result
+            centre, radius = obstacle.bounding_ball()
+            near = np.flatnonzero(((flat - centre) ** 2).sum(axis=-1) < (result.clip(0.0) + radius) ** 2)
+            if len(near):
+                result[near] = np.minimum(result[near], obstacle.signed_distance(flat[near]))
+        return result.reshape(p_W.shape[:-1])
 
     def to_dict(self) -> dict[str, Any]:
         """The content of a scene file."""
@@ -231,7 +241,8 @@ def _check_clear(scene: Scene) -> None:
     low, high = scene.bounds_m
     for what, xy in (("start", scene.start[:2]), ("goal", scene.goal)):
         if any(not low[i] <= xy[i] <= high[i] for i in range(2)):
-            raise InvalidScene(f"{what} {xy} is outside bounds_m x {low[0]:g} .. {high[0]:g}, y {low[1]:g} .. {high[1]:g}")
+            box = f"x {low[0]:g} .. {high[0]:g}, y {low[1]:g} .. {high[1]:g}"
+            raise InvalidScene(f"{what} {xy} is outside bounds_m {box}")
         heights = [z for z in COLUMN_HEIGHTS_M if low[2] <= z <= high[2]]
         column = np.array([[*xy, z] for z in heights])
         for obstacle in scene.obstacles:

@@ -66,6 +66,7 @@ class Shape:
     keys: ClassVar[tuple[str, ...]]
 
     def to_dict(self) -> dict[str, Any]:
+        """The `shape` entry of a scene file."""
         values = {key: getattr(self, key) for key in self.keys}
         return {"type": self.type} | {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
 
@@ -73,8 +74,8 @@ class Shape:
         """(..., 3) in the shape's frame [m] -> (...) [m], negative inside."""
         raise NotImplementedError
 
-    def bounding_radius_m(self) -> float:
-        """Radius of a ball about the frame's origin that holds the shape [m]."""
+    def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
+        """Centre (3,) in the shape's frame and radius [m] of a ball that holds the shape."""
         raise NotImplementedError
 
 
@@ -91,11 +92,13 @@ class BoxShape(Shape):
         object.__setattr__(self, "size_m", tuple(positive(f"box size_m[{i}]", v) for i, v in enumerate(size)))
 
     def signed_distance(self, p: Points) -> Points:
+        """Exact, see `Shape`."""
         q = np.abs(p) - 0.5 * np.array(self.size_m)
         return np.linalg.norm(np.maximum(q, 0.0), axis=-1) + np.minimum(q.max(axis=-1), 0.0)
 
-    def bounding_radius_m(self) -> float:
-        return 0.5 * math.hypot(*self.size_m)
+    def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
+        """See `Shape`."""
+        return np.zeros(3), 0.5 * math.hypot(*self.size_m)
 
 
 @dataclass(frozen=True)
@@ -111,13 +114,15 @@ class CylinderShape(Shape):
         _check_lengths(self)
 
     def signed_distance(self, p: Points) -> Points:
+        """Exact, see `Shape`."""
         radial = np.hypot(p[..., 0], p[..., 1]) - self.radius_m
         axial = np.abs(p[..., 2]) - 0.5 * self.length_m
         outside = np.hypot(np.maximum(radial, 0.0), np.maximum(axial, 0.0))
         return outside + np.minimum(np.maximum(radial, axial), 0.0)
 
-    def bounding_radius_m(self) -> float:
-        return math.hypot(self.radius_m, 0.5 * self.length_m)
+    def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
+        """See `Shape`."""
+        return np.zeros(3), math.hypot(self.radius_m, 0.5 * self.length_m)
 
 
 @dataclass(frozen=True)
@@ -133,12 +138,14 @@ class CapsuleShape(Shape):
         _check_lengths(self)
 
     def signed_distance(self, p: Points) -> Points:
+        """Exact, see `Shape`."""
         half = 0.5 * self.length_m
         along = p[..., 2] - np.clip(p[..., 2], -half, half)
         return np.sqrt(p[..., 0] ** 2 + p[..., 1] ** 2 + along**2) - self.radius_m
 
-    def bounding_radius_m(self) -> float:
-        return self.radius_m + 0.5 * self.length_m
+    def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
+        """See `Shape`."""
+        return np.zeros(3), self.radius_m + 0.5 * self.length_m
 
 
 @dataclass(frozen=True)
@@ -153,10 +160,12 @@ class SphereShape(Shape):
         _check_lengths(self)
 
     def signed_distance(self, p: Points) -> Points:
+        """Exact, see `Shape`."""
         return np.linalg.norm(p, axis=-1) - self.radius_m
 
-    def bounding_radius_m(self) -> float:
-        return self.radius_m
+    def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
+        """See `Shape`."""
+        return np.zeros(3), self.radius_m
 
 
 @dataclass(frozen=True)
@@ -186,7 +195,7 @@ class MeshShape(Shape):
         except (OSError, RuntimeError) as error:
             raise InvalidScene(f"mesh file {self.file!r} cannot be resolved: {error}") from None
         if not inside:
-            raise InvalidScene(f"mesh file {self.file!r} lies outside the scene's folder: copy it beside the scene file")
+            raise InvalidScene(f"mesh file {self.file!r} lies outside the scene's folder: copy it into that")
         if not found:
             raise InvalidScene(f"mesh file {self.file!r} is missing in {self.folder.resolve()}")
 
@@ -202,10 +211,12 @@ class MeshShape(Shape):
         return load_mesh(self.path, self.scale)
 
     def signed_distance(self, p: Points) -> Points:
+        """Exact, see `Shape`."""
         return self.mesh().signed_distance(p)
 
-    def bounding_radius_m(self) -> float:
-        return float(np.linalg.norm(self.mesh().vertices, axis=1).max())
+    def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
+        """See `Shape`."""
+        return self.mesh().ball
 
 
 def _check_lengths(shape: Any) -> None:
