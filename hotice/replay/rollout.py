@@ -1,0 +1,281 @@
+"""The record of one rollout: where every visible solid was at every frame, what guided it and how it ended."""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+import zipfile
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hotice.errors import HoticeError
+from hotice.model import CarriedObject, Scene, object_from_dict
+from hotice.model.shapes import MeshShape
+from hotice.replay.output import write_bytes
+from hotice.replay.solids import SOLIDS
+
+FORMAT = "hotice-rollout/1"
+OUTCOMES = ("success", "fall", "drop", "robot_collision", "object_collision", "timeout")
+MAX_FILE_BYTES = 512 * 2**20
+_TYPE_NAMES = {int(getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}")): name for name in SOLIDS}
+_unpacked: list[tempfile.TemporaryDirectory] = []  # meshes of loaded records, kept until the program ends
+
+
+class InvalidRollout(HoticeError):
+    """A rollout record or its file that cannot be used."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutRecord:
+    """One rollout of T frames with G solids (robot and carried object) and K guidance arrows, all in W, m and s.
+
+    Raises `InvalidRollout` when shapes disagree, numbers are not finite, time does not grow or a name is unknown.
+    """
+
+    scene: Scene
+    carried: CarriedObject
+    time_s: NDArray[np.floating]
+    """(T,) [s], strictly growing."""
+    geom_names: list[str]
+    geom_types: list[str]
+    """box, capsule, cylinder, ellipsoid or sphere."""
+    geom_sizes: NDArray[np.floating]
+    """(G, 3) [m], MuJoCo's convention."""
+    geom_rgba: NDArray[np.floating]
+    """(G, 4), 0 to 1."""
+    geom_pos_W: NDArray[np.floating]
+    """(T, G, 3) [m]."""
+    geom_quat_W: NDArray[np.floating]
+    """(T, G, 4) wxyz."""
+    geom_is_object: NDArray[np.bool_]
+    """(G,) True for solids of the carried object."""
+    root_pos_W: NDArray[np.floating]
+    """(T, 3) pelvis [m]."""
+    object_pos_W: NDArray[np.floating]
+    """(T, 3) centre of the carried object [m]."""
+    arrow_pos_W: NDArray[np.floating] = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    """(T, K, 3) keypoints [m]; leave the three arrow fields out for a record without arrows."""
+    arrow_force_W: NDArray[np.floating] = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    """(T, K, 3) field vectors F = -grad U."""
+    arrow_is_ogf: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """(K,) True where the vector is of the Object-Centric Guidance Field, False for the Standard one."""
+    outcome: str
+    policy: str
+
+    def __post_init__(self) -> None:
+        frames, solids, arrows = len(self.time_s), len(self.geom_names), len(self.arrow_is_ogf)
+        if arrows == 0:
+            for name in ("arrow_pos_W", "arrow_force_W"):
+                object.__setattr__(self, name, np.zeros((frames, 0, 3)))
+        wanted = {
+            "time_s": (frames,), "geom_sizes": (solids, 3), "geom_rgba": (solids, 4),
+            "geom_pos_W": (frames, solids, 3), "geom_quat_W": (frames, solids, 4), "geom_is_object": (solids,),
+            "root_pos_W": (frames, 3), "object_pos_W": (frames, 3), "arrow_pos_W": (frames, arrows, 3),
+            "arrow_force_W": (frames, arrows, 3), "arrow_is_ogf": (arrows,),
+        }  # fmt: skip
+        for name, shape in wanted.items():
+            kind = bool if name in ("geom_is_object", "arrow_is_ogf") else float
+            value = np.asarray(getattr(self, name), dtype=kind)
+            if value.shape != shape:
+                raise InvalidRollout(f"{name} has shape {value.shape}: {shape} is needed")
+            if not np.isfinite(value).all():
+                raise InvalidRollout(f"{name} holds numbers that are not finite")
+            object.__setattr__(self, name, value)
+        if frames < 1 or solids < 1:
+            raise InvalidRollout(f"a record of {frames} frames and {solids} solids: at least one of each is needed")
+        if (np.diff(self.time_s) <= 0).any():
+            raise InvalidRollout("time_s must grow from frame to frame")
+        if len(self.geom_types) != solids:
+            raise InvalidRollout(f"{len(self.geom_types)} geom_types for {solids} geom_names")
+        for kind, known in ((self.outcome, OUTCOMES), *((t, SOLIDS) for t in self.geom_types)):
+            if kind not in known:
+                raise InvalidRollout(f"unknown {kind!r}: known are {', '.join(known)}")
+
+    @property
+    def distance_m(self) -> float:
+        """Root to goal at the last frame, horizontally [m]."""
+        return float(np.linalg.norm(self.root_pos_W[-1, :2] - self.scene.goal))
+
+    @property
+    def display_rgba(self) -> NDArray[np.floating]:
+        """(G, 4) colours to draw: `geom_rgba` with the robot's left side lighter, to tell its legs apart."""
+        left = np.array([name.startswith("left_") for name in self.geom_names]) & ~self.geom_is_object
+        rgba = self.geom_rgba.copy()
+        rgba[left, :3] += 0.45 * (np.array([0.62, 0.74, 0.86]) - rgba[left, :3])
+        return rgba
+
+    def every(self, period_s: float) -> RolloutRecord:
+        """The same rollout with frames at least `period_s` apart (within 1 %); the last frame stays."""
+        keep = [0]
+        for i in range(1, len(self.time_s)):
+            if self.time_s[i] - self.time_s[keep[-1]] >= 0.99 * period_s:
+                keep.append(i)
+        if keep[-1] != len(self.time_s) - 1:
+            keep.append(len(self.time_s) - 1)
+        return self._at(np.array(keep))
+
+    def _at(self, frames: NDArray[np.int64]) -> RolloutRecord:
+        per_frame = (
+            "time_s",
+            "geom_pos_W",
+            "geom_quat_W",
+            "root_pos_W",
+            "object_pos_W",
+            "arrow_pos_W",
+            "arrow_force_W",
+        )
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return RolloutRecord(**values | {name: values[name][frames] for name in per_frame})
+
+    @classmethod
+    def from_states(
+        cls,
+        model: mujoco.MjModel,
+        qpos: ArrayLike,
+        *,
+        scene: Scene,
+        carried: CarriedObject,
+        time_s: ArrayLike,
+        outcome: str,
+        policy: str,
+        arrow_pos_W: ArrayLike | None = None,
+        arrow_force_W: ArrayLike | None = None,
+        arrow_is_ogf: ArrayLike | None = None,
+        groups: Collection[int] = (0, 1, 2),
+        root_body: str = "pelvis",
+        object_body: str = "object",
+    ) -> RolloutRecord:
+        """Places the solids of a model at every state.
+
+        Solids fixed to the world (floor, obstacles), of a hidden group or fully transparent are left out.
+
+        Args:
+            model: robot and carried object.
+            qpos: (T, nq) states.
+            scene: drawn around them.
+            carried: what is carried.
+            time_s: (T,) [s].
+            outcome: one of `OUTCOMES`.
+            policy: name of what acted.
+            arrow_pos_W: (T, K, 3) or None for a record without arrows.
+            arrow_force_W: (T, K, 3).
+            arrow_is_ogf: (K,).
+            groups: MuJoCo geom groups that are shown.
+            root_body: body whose position is the root's.
+            object_body: body of the carried object.
+
+        Raises:
+            InvalidRollout: as the constructor; also for a missing body or a moving solid that is not a primitive.
+        """
+        qpos = np.atleast_2d(np.asarray(qpos, dtype=float))
+        if qpos.shape[1:] != (model.nq,):
+            raise InvalidRollout(f"qpos has shape {qpos.shape}: (T, {model.nq}) is needed for this model")
+        root, carried_id = _body(model, root_body), _body(model, object_body)
+        shown = _shown_geoms(model, groups)
+        data = mujoco.MjData(model)
+        pos, quat = np.empty((len(qpos), len(shown), 3)), np.empty((len(qpos), len(shown), 4))
+        root_pos, object_pos = np.empty((len(qpos), 3)), np.empty((len(qpos), 3))
+        for t, state in enumerate(qpos):
+            data.qpos[:] = state
+            mujoco.mj_kinematics(model, data)
+            pos[t] = data.geom_xpos[shown]
+            for g, geom in enumerate(shown):
+                mujoco.mju_mat2Quat(quat[t, g], data.geom_xmat[geom])
+            root_pos[t], object_pos[t] = data.xpos[root], data.xpos[carried_id]
+        arrows: dict[str, Any] = {}
+        if arrow_pos_W is not None:
+            if arrow_force_W is None or arrow_is_ogf is None:
+                raise InvalidRollout("arrows need arrow_pos_W, arrow_force_W and arrow_is_ogf together")
+            arrows = dict(arrow_pos_W=arrow_pos_W, arrow_force_W=arrow_force_W, arrow_is_ogf=arrow_is_ogf)
+        material = model.geom_matid[shown]
+        rgba = model.geom_rgba[shown].astype(float)
+        rgba[material >= 0] = model.mat_rgba[material[material >= 0]]
+        return cls(
+            scene=scene, carried=carried, time_s=np.asarray(time_s, dtype=float),
+            geom_names=[model.geom(int(g)).name or f"geom_{g}" for g in shown],
+            geom_types=[_TYPE_NAMES[int(model.geom_type[g])] for g in shown], geom_sizes=model.geom_size[shown].copy(),
+            geom_rgba=rgba, geom_pos_W=pos, geom_quat_W=quat, geom_is_object=model.geom_bodyid[shown] == carried_id,
+            root_pos_W=root_pos, object_pos_W=object_pos, outcome=outcome, policy=policy, **arrows,
+        )  # fmt: skip
+
+    def save(self, path: str | Path) -> Path:
+        """Writes an .npz file that needs no other file: meshes of obstacles are inside. Raises `OutputError`."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        text = {
+            "format": FORMAT, "scene": self.scene.to_dict(), "carried": self.carried.to_dict(),
+            "geom_names": self.geom_names, "geom_types": self.geom_types,
+            "outcome": self.outcome, "policy": self.policy,
+        }  # fmt: skip
+        arrays = {k: v.astype(np.float32) if v.dtype == float else v for k, v in arrays.items() if k not in text}
+        arrays["time_s"] = self.time_s
+        shapes = [o.shape for o in self.scene.obstacles]
+        meshes = {shape.file: shape.path for shape in shapes if isinstance(shape, MeshShape)}
+        text["meshes"] = list(meshes)
+        for i, file in enumerate(meshes.values()):
+            arrays[f"mesh_{i}"] = np.frombuffer(file.read_bytes(), dtype=np.uint8)
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, json=np.frombuffer(json.dumps(text).encode(), dtype=np.uint8), **arrays)
+        return write_bytes(path, buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: str | Path) -> RolloutRecord:
+        """Reads what `save` wrote; nothing in the file is executed. Raises `InvalidRollout` naming the file."""
+        try:
+            if Path(path).stat().st_size > MAX_FILE_BYTES:
+                raise InvalidRollout(f"is larger than {MAX_FILE_BYTES // 2**20} MiB")
+            with np.load(path, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            text = json.loads(arrays.pop("json").tobytes())
+            if text.pop("format") != FORMAT:
+                raise InvalidRollout(f"is not of format {FORMAT}")
+            folder = _unpack_meshes(text.pop("meshes"), arrays)
+            text["scene"] = Scene.from_dict(text["scene"], folder=folder)
+            text["carried"] = object_from_dict(text["carried"])
+            return cls(**text, **arrays)
+        except OSError as error:
+            raise InvalidRollout(f"{path}: cannot be read: {error.strerror or error}") from None
+        except (zipfile.BadZipFile, KeyError, TypeError, AttributeError, ValueError, EOFError) as error:
+            raise InvalidRollout(f"{path}: is not a rollout record: {error}") from None
+        except HoticeError as error:
+            raise InvalidRollout(f"{path}: {error}") from None
+
+
+def _body(model: mujoco.MjModel, name: str) -> int:
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+    if index < 0:
+        known = ", ".join(model.body(i).name for i in range(model.nbody))
+        raise InvalidRollout(f"the model has no body {name!r}: known are {known}")
+    return index
+
+
+def _shown_geoms(model: mujoco.MjModel, groups: Collection[int]) -> NDArray[np.int64]:
+    moving = model.body_weldid[model.geom_bodyid] != 0
+    visible = np.isin(model.geom_group, list(groups)) & (model.geom_rgba[:, 3] > 0)
+    shown = np.flatnonzero(moving & visible)
+    for geom in shown:
+        if int(model.geom_type[geom]) not in _TYPE_NAMES:
+            raise InvalidRollout(f"geom {model.geom(int(geom)).name!r} is not one of {', '.join(SOLIDS)}")
+    return shown
+
+
+def _unpack_meshes(names: Sequence[str], arrays: dict[str, np.ndarray]) -> Path | None:
+    """Writes embedded mesh files below a new temporary folder, never outside it."""
+    if not names:
+        return None
+    holder = tempfile.TemporaryDirectory(prefix="hotice-rollout-")
+    _unpacked.append(holder)
+    folder = Path(holder.name).resolve()
+    for i, name in enumerate(names):
+        target = (folder / name).resolve()
+        if not target.is_relative_to(folder) or target == folder:
+            raise InvalidRollout(f"mesh file {name!r} lies outside the record")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(arrays.pop(f"mesh_{i}").tobytes())
+    return folder

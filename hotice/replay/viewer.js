@@ -1,0 +1,388 @@
+// Shows the rollouts that html.py packed into the page. Units are metres and seconds, z is up, quaternions are wxyz.
+"use strict";
+(() => {
+  const $ = (id) => document.getElementById(id);
+  const page = JSON.parse($("data").textContent);
+  const COLORS = { ground: 0xb4533c, side: 0x5f7590, overhead: 0x7a5aa6, other: 0x7c8da3 };
+  const [SGF, OGF] = [0x1f6fe5, 0xe8710a];
+  const ARROW_M = 0.3; // length that the arrow of a very strong field approaches
+  const FIELD_SCALE = 0.6; // field strength drawn at 63 % of ARROW_M
+
+  // ---- data ----------------------------------------------------------------------------------------------------
+  function int16(text) {
+    const raw = atob(text);
+    const bytes = new Uint8Array(raw.length);
+    for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
+    const view = new DataView(bytes.buffer);
+    return Int16Array.from({ length: bytes.length / 2 }, (_, i) => view.getInt16(2 * i, true));
+  }
+  function unpack(packed) {
+    return Float32Array.from(int16(packed.data), (value) => value * packed.scale);
+  }
+  function decode(record) {
+    if (record.ready) return record;
+    for (const key of ["geom_pos", "geom_quat", "arrow_pos", "arrow_force", "root_pos", "object_pos"])
+      record[key] = unpack(record[key]);
+    record.ready = true;
+    return record;
+  }
+
+  // ---- view ----------------------------------------------------------------------------------------------------
+  let renderer;
+  try {
+    renderer = new THREE.WebGLRenderer({ canvas: $("view"), antialias: true });
+  } catch (error) {
+    $("failure").hidden = false;
+    $("failure").textContent = "This page needs WebGL, which this browser does not offer (" + error.message + ").";
+    return;
+  }
+  renderer.shadowMap.enabled = true;
+  renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+  const stage = new THREE.Scene();
+  stage.background = new THREE.Color(0xeef2f6);
+  stage.fog = new THREE.Fog(0xeef2f6, 9, 26);
+  const camera = new THREE.PerspectiveCamera(40, 1, 0.02, 100);
+  camera.up.set(0, 0, 1);
+  const orbit = new THREE.OrbitControls(camera, renderer.domElement);
+  orbit.enableDamping = true;
+  orbit.maxPolarAngle = 0.495 * Math.PI;
+  orbit.minDistance = 0.4;
+  orbit.maxDistance = 20;
+
+  stage.add(new THREE.HemisphereLight(0xffffff, 0xd0d7df, 2.3));
+  const sun = new THREE.DirectionalLight(0xffffff, 2.2);
+  sun.castShadow = true;
+  sun.shadow.mapSize.set(2048, 2048);
+  Object.assign(sun.shadow.camera, { left: -3.5, right: 3.5, top: 3.5, bottom: -3.5, near: 0.5, far: 14 });
+  sun.shadow.bias = -0.0005;
+  sun.shadow.normalBias = 0.01;
+  stage.add(sun, sun.target);
+  const floor = new THREE.Mesh(
+    new THREE.PlaneGeometry(60, 60), new THREE.MeshStandardMaterial({ color: 0xc9d1da, roughness: 1 }));
+  floor.receiveShadow = true;
+  floor.position.z = -0.004;
+  stage.add(floor);
+
+  // ---- building blocks -----------------------------------------------------------------------------------------
+  // Sizes follow MuJoCo: half extents; radius, half length; local z is the axis.
+  function geometry(type, size, mesh) {
+    const [a, b, c] = size;
+    switch (type) {
+      case "box": return new THREE.BoxGeometry(2 * a, 2 * b, 2 * c);
+      case "sphere": return new THREE.SphereGeometry(a, 28, 18);
+      case "ellipsoid": return new THREE.SphereGeometry(1, 28, 18).scale(a, b, c);
+      case "capsule": return new THREE.CapsuleGeometry(a, 2 * b, 10, 24).rotateX(Math.PI / 2);
+      case "cylinder": return new THREE.CylinderGeometry(a, a, 2 * b, 36).rotateX(Math.PI / 2);
+      case "mesh": {
+        const shape = new THREE.BufferGeometry();
+        shape.setAttribute("position", new THREE.BufferAttribute(Float32Array.from(mesh.vertices), 3));
+        shape.setIndex(mesh.faces);
+        shape.computeVertexNormals();
+        return shape;
+      }
+      default: throw new Error("unknown shape " + type);
+    }
+  }
+  function place(item, position, wxyz) {
+    item.position.set(...position);
+    item.quaternion.set(wxyz[1], wxyz[2], wxyz[3], wxyz[0]);
+    return item;
+  }
+  function ring(radius, color) {
+    const item = new THREE.Mesh(
+      new THREE.RingGeometry(Math.max(radius - 0.018, 0), radius, 64), new THREE.MeshBasicMaterial({ color }));
+    item.position.z = 0.003;
+    return item;
+  }
+  function path(points, color) {
+    const shape = new THREE.BufferGeometry();
+    shape.setAttribute("position", new THREE.BufferAttribute(points, 3));
+    const line = new THREE.Line(shape, new THREE.LineBasicMaterial({ color }));
+    line.frustumCulled = false;
+    return line;
+  }
+
+  // Lines every 0.5 m, 2 m beyond the scene; one short segment per cell, as some drivers drop lines that pass the camera.
+  function floorGrid(low, high) {
+    const cell = 0.5;
+    const [x0, y0, x1, y1] = [low[0] - 2, low[1] - 2, high[0] + 2, high[1] + 2].map((v) => Math.round(v / cell));
+    const points = [];
+    for (let x = x0; x <= x1; x++)
+      for (let y = y0; y <= y1; y++) {
+        if (x < x1) points.push(x, y, 0, x + 1, y, 0);
+        if (y < y1) points.push(x, y, 0, x, y + 1, 0);
+      }
+    const shape = new THREE.BufferGeometry();
+    shape.setAttribute("position", new THREE.BufferAttribute(Float32Array.from(points, (v) => v * cell), 3));
+    return new THREE.LineSegments(shape, new THREE.LineBasicMaterial({ color: 0xb4bfcb }));
+  }
+
+  class Arrows {
+    constructor(record, rows, color) {
+      this.record = record;
+      this.rows = rows;
+      const material = new THREE.MeshBasicMaterial({ color, depthTest: false, transparent: true, opacity: 0.92 });
+      this.shafts = new THREE.InstancedMesh(
+        new THREE.CylinderGeometry(0.0055, 0.0055, 1, 8).translate(0, 0.5, 0), material, rows.length);
+      this.heads = new THREE.InstancedMesh(
+        new THREE.ConeGeometry(0.017, 0.045, 12).translate(0, -0.0225, 0), material, rows.length);
+      this.group = new THREE.Group();
+      for (const mesh of [this.shafts, this.heads]) {
+        mesh.frustumCulled = false;
+        mesh.renderOrder = 5;
+        this.group.add(mesh);
+      }
+    }
+    update(i, j, weight) {
+      const { record } = this;
+      const width = record.arrow_is_ogf.length * 3;
+      const up = new THREE.Vector3(0, 1, 0);
+      const [at, force, turn, matrix] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Quaternion(), new THREE.Matrix4()];
+      const read = (array, row, out) => out.set(
+        ...[0, 1, 2].map((k) => mix(array[i * width + 3 * row + k], array[j * width + 3 * row + k], weight)));
+      this.rows.forEach((row, n) => {
+        read(record.arrow_pos, row, at);
+        const strength = read(record.arrow_force, row, force).length();
+        const length = ARROW_M * (1 - Math.exp(-strength / FIELD_SCALE));
+        turn.setFromUnitVectors(up, strength > 1e-9 ? force.divideScalar(strength) : up);
+        const head = length > 0.004 ? Math.min(1, length / 0.07) : 0;
+        const shaft = Math.max(length - 0.04 * head, 0);
+        this.shafts.setMatrixAt(n, matrix.compose(at, turn, new THREE.Vector3(head, shaft, head)));
+        at.addScaledVector(force, strength > 1e-9 ? length : 0);
+        this.heads.setMatrixAt(n, matrix.compose(at, turn, new THREE.Vector3(head, head, head)));
+      });
+      this.shafts.instanceMatrix.needsUpdate = this.heads.instanceMatrix.needsUpdate = true;
+    }
+  }
+  const mix = (a, b, weight) => a + (b - a) * weight;
+
+  // ---- one rollout ---------------------------------------------------------------------------------------------
+  class Show {
+    constructor(record) {
+      this.record = decode(record);
+      this.root = new THREE.Group();
+      this.addScene(record.scene);
+      this.geoms = record.geoms.map((geom) => this.addGeom(geom));
+      this.paths = [path(record.root_pos, 0x334155), path(record.object_pos, 0xc2410c)];
+      const rows = record.arrow_is_ogf.map((_, row) => row);
+      this.sgf = new Arrows(record, rows.filter((row) => !record.arrow_is_ogf[row]), SGF);
+      this.ogf = new Arrows(record, rows.filter((row) => record.arrow_is_ogf[row]), OGF);
+      this.root.add(...this.paths, this.sgf.group, this.ogf.group);
+    }
+    addGeom(geom) {
+      const [r, g, b, alpha] = geom.rgba;
+      const material = new THREE.MeshStandardMaterial({
+        color: new THREE.Color().setRGB(r, g, b, "srgb"), roughness: geom.object ? 0.8 : 0.45,
+        metalness: geom.object ? 0 : 0.15, transparent: alpha < 1, opacity: alpha });
+      const mesh = new THREE.Mesh(geometry(geom.type, geom.size), material);
+      mesh.castShadow = mesh.receiveShadow = true;
+      if (geom.object && geom.type === "box")
+        mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry), new THREE.LineBasicMaterial({ color: 0x6b4a1c })));
+      this.root.add(mesh);
+      return mesh;
+    }
+    addScene(scene) {
+      this.obstacles = scene.obstacles.map((obstacle) => {
+        const color = COLORS[obstacle.category] ?? COLORS.other;
+        const material = new THREE.MeshStandardMaterial({ color, roughness: 0.9, transparent: true, side: THREE.DoubleSide });
+        const mesh = place(new THREE.Mesh(geometry(obstacle.type, obstacle.size, obstacle.mesh), material),
+          obstacle.position, obstacle.quaternion);
+        mesh.castShadow = mesh.receiveShadow = true;
+        const edges = new THREE.LineSegments(
+          new THREE.EdgesGeometry(mesh.geometry, 30), new THREE.LineBasicMaterial({ color, transparent: true, opacity: 0.8 }));
+        mesh.add(edges);
+        this.root.add(mesh);
+        return mesh;
+      });
+      const goal = new THREE.Group();
+      const green = 0x16a34a;
+      const pole = new THREE.Mesh(
+        new THREE.CylinderGeometry(0.006, 0.006, 0.75, 10).rotateX(Math.PI / 2).translate(0, 0, 0.375),
+        new THREE.MeshBasicMaterial({ color: green, transparent: true, opacity: 0.6 }));
+      const ball = new THREE.Mesh(new THREE.SphereGeometry(0.03, 20, 14), new THREE.MeshBasicMaterial({ color: green }));
+      ball.position.z = 0.75;
+      goal.add(ring(page.goal_radius_m, green), pole, ball);
+      goal.position.set(scene.goal[0], scene.goal[1], 0);
+      const start = ring(0.07, 0x64748b);
+      start.position.x = scene.start[0];
+      start.position.y = scene.start[1];
+      const [low, high] = scene.bounds;
+      const corners = [[low, low], [high, low], [high, high], [low, high], [low, low]];
+      const bounds = path(Float32Array.from(corners.flatMap(([x, y]) => [x[0], y[1], 0.004])), 0x7b8a9b);
+      this.root.add(goal, start, bounds, floorGrid(low, high));
+    }
+    options() {
+      this.sgf.group.visible = $("sgf").checked;
+      this.ogf.group.visible = $("ogf").checked;
+      for (const line of this.paths) line.visible = $("trail").checked;
+      const solid = $("solid").checked;
+      for (const mesh of this.obstacles) {
+        mesh.material.opacity = solid ? 1 : 0.5;
+        mesh.material.depthWrite = solid;
+        mesh.material.needsUpdate = true;
+      }
+    }
+    // Poses at time t: positions and quaternions are interpolated between the two frames around it.
+    update(t) {
+      const { time, geom_pos: p, geom_quat: q } = this.record;
+      let i = 0;
+      for (let high = time.length - 1; high - i > 1;) {
+        const middle = (i + high) >> 1;
+        if (time[middle] <= t) i = middle; else high = middle;
+      }
+      const j = Math.min(i + 1, time.length - 1);
+      const weight = j > i ? Math.min(Math.max((t - time[i]) / (time[j] - time[i]), 0), 1) : 0;
+      const count = this.geoms.length;
+      this.geoms.forEach((mesh, g) => {
+        const [a, b] = [i * count + g, j * count + g];
+        mesh.position.set(...[0, 1, 2].map((k) => mix(p[3 * a + k], p[3 * b + k], weight)));
+        const [w, x, y, z] = [0, 1, 2, 3].map((k) => mix(q[4 * a + k], q[4 * b + k], weight));
+        mesh.quaternion.set(x, y, z, w).normalize();
+      });
+      this.sgf.update(i, j, weight);
+      this.ogf.update(i, j, weight);
+      return [0, 1, 2].map((k) => mix(this.record.root_pos[3 * i + k], this.record.root_pos[3 * j + k], weight));
+    }
+    dispose() {
+      stage.remove(this.root);
+      this.root.traverse((item) => {
+        item.geometry?.dispose();
+        item.material?.dispose();
+        if (item instanceof THREE.InstancedMesh) item.dispose();
+      });
+    }
+  }
+
+  // ---- state and controls --------------------------------------------------------------------------------------
+  const state = { index: 0, time: 0, playing: true, hold: 0 };
+  let show = null;
+  let followed = null;
+
+  function describe(record) {
+    $("outcome").textContent = record.outcome.replaceAll("_", " ");
+    $("outcome").className = "badge " + (["success", "timeout"].includes(record.outcome) ? record.outcome : "failure");
+    $("distance").textContent = record.distance_m.toFixed(2) + " m from the goal";
+    const facts = { Policy: record.policy, Object: record.carried, Obstacles: record.obstacle_text };
+    $("facts").replaceChildren(...Object.entries(facts).flatMap(([name, text]) => {
+      const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
+      dt.textContent = name;
+      dd.textContent = text;
+      return [dt, dd];
+    }));
+  }
+  function select(index) {
+    state.index = (index + page.records.length) % page.records.length;
+    const record = page.records[state.index];
+    show?.dispose();
+    show = new Show(record);
+    stage.add(show.root);
+    show.options();
+    state.time = record.time[0];
+    state.hold = 0;
+    $("rollout").value = String(state.index);
+    $("time").min = record.time[0];
+    $("time").max = record.time[record.time.length - 1];
+    describe(record);
+    followed = null;
+    frame("angle");
+  }
+  function frame(view) {
+    const record = page.records[state.index];
+    const [low, high] = record.scene.bounds;
+    const root = $("follow").checked ? show.update(state.time) : [0, 1].map((k) => 0.5 * (low[k] + high[k]));
+    const target = new THREE.Vector3(root[0] + ($("follow").checked ? 0.35 : 0), root[1], 0.68);
+    const reach = ($("follow").checked ? 3.6 : 1.6 * Math.max(high[0] - low[0], high[1] - low[1]))
+      * Math.max(1, 1.15 / camera.aspect);
+    const direction = { angle: [0.42, -0.83, 0.36], side: [0, -1, 0.06], front: [1, 0, 0.12], top: [-0.001, 0, 1] }[view];
+    camera.position.copy(target).addScaledVector(new THREE.Vector3(...direction).normalize(), reach);
+    orbit.target.copy(target);
+    orbit.update();
+  }
+  function setPlaying(playing) {
+    const record = page.records[state.index];
+    if (playing && state.time >= record.time[record.time.length - 1]) state.time = record.time[0];
+    state.playing = playing;
+    state.hold = 0;
+    $("play").textContent = playing ? "❚❚" : "▶";
+  }
+  function step(direction) {
+    setPlaying(false);
+    const times = page.records[state.index].time;
+    const nearest = times.reduce((best, t, i) => (Math.abs(t - state.time) < Math.abs(times[best] - state.time) ? i : best), 0);
+    state.time = times[Math.min(Math.max(nearest + direction, 0), times.length - 1)];
+  }
+
+  page.records.forEach((record, i) => {
+    const option = document.createElement("option");
+    option.value = String(i);
+    option.textContent = `${i + 1}. ${record.scene.name} (${record.outcome.replaceAll("_", " ")})`;
+    $("rollout").append(option);
+  });
+  $("rollout").addEventListener("change", () => select(Number($("rollout").value)));
+  $("previous").addEventListener("click", () => select(state.index - 1));
+  $("next").addEventListener("click", () => select(state.index + 1));
+  $("play").addEventListener("click", () => setPlaying(!state.playing));
+  $("time").addEventListener("input", () => { setPlaying(false); state.time = Number($("time").value); });
+  for (const id of ["sgf", "ogf", "trail", "solid"]) $(id).addEventListener("change", () => show.options());
+  $("follow").addEventListener("change", () => { followed = null; });
+  for (const button of document.querySelectorAll("[data-view]"))
+    button.addEventListener("click", () => frame(button.dataset.view));
+  window.addEventListener("keydown", (event) => {
+    if (["SELECT", "INPUT"].includes(document.activeElement.tagName) && event.key !== " ") return;
+    const action = {
+      " ": () => setPlaying(!state.playing), ArrowRight: () => step(1), ArrowLeft: () => step(-1),
+      ArrowUp: () => select(state.index - 1), ArrowDown: () => select(state.index + 1),
+    }[event.key];
+    if (!action) return;
+    event.preventDefault();
+    action();
+  });
+  function resize() {
+    renderer.setSize(window.innerWidth, window.innerHeight, false);
+    camera.aspect = window.innerWidth / window.innerHeight;
+    camera.updateProjectionMatrix();
+  }
+  window.addEventListener("resize", resize);
+
+  let last = null;
+  function tick(now) {
+    requestAnimationFrame(tick);
+    const passed = last === null ? 0 : Math.min((now - last) / 1000, 0.1);
+    last = now;
+    const record = page.records[state.index];
+    const end = record.time[record.time.length - 1];
+    if (state.playing) {
+      state.time += passed * Number($("speed").value);
+      if (state.time >= end) {
+        state.time = end;
+        state.hold += passed;
+        if (!$("loop").checked) setPlaying(false);
+        else if (state.hold > 1) { state.time = record.time[0]; state.hold = 0; }
+      }
+    }
+    const root = show.update(state.time);
+    if ($("follow").checked) {
+      if (followed) {
+        const shift = new THREE.Vector3(root[0] - followed[0], root[1] - followed[1], 0);
+        camera.position.add(shift);
+        orbit.target.add(shift);
+      }
+      followed = root;
+    }
+    sun.target.position.set(root[0], root[1], 0);
+    sun.position.set(root[0] - 1.6, root[1] - 2.2, 5.5);
+    $("time").value = String(state.time);
+    $("clock").textContent = `${state.time.toFixed(2)} / ${end.toFixed(2)} s`;
+    orbit.update();
+    renderer.render(stage, camera);
+  }
+
+  // "#rollout=2&time=1.5&view=side&pause" opens the page there, for links and for pictures of it.
+  const wish = new URLSearchParams(window.location.hash.slice(1));
+  resize();
+  setPlaying(!wish.has("pause"));
+  select(Math.max(Number(wish.get("rollout") ?? 1) - 1, 0) || 0);
+  if (Number.isFinite(Number(wish.get("time") ?? NaN))) state.time = Number(wish.get("time"));
+  if (["angle", "side", "front", "top"].includes(wish.get("view"))) frame(wish.get("view"));
+  requestAnimationFrame(tick);
+})();
