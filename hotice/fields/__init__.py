@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from hotice.fields.hod_pf import GuidanceField, HodPf, build_hod_pf
 from hotice.fields.potential import FieldParams
+from hotice.fields.similarity import scene_similarity, similarity_to_set
 
 if TYPE_CHECKING:
     from hotice.fields.alignment import cosine, encode, residual_cosine
@@ -16,7 +17,7 @@ _LAZY = {
 
 __all__ = [
     "FieldBank", "FieldParams", "FieldSample", "GuidanceField", "HodPf",
-    "build_hod_pf", "cosine", "encode", "residual_cosine",
+    "build_hod_pf", "cosine", "encode", "residual_cosine", "scene_similarity", "similarity_to_set",
 ]  # fmt: skip
 
 

@@ -103,7 +103,7 @@ class FieldBank:
         scene_ids, p_W = self._check(scene_ids, p_W)
         if self._torch is not None:
             return FieldSample(*torch_sample.sample_field(self._torch, which, margin_m, self.params, scene_ids, p_W))
-        out = FieldSample(torch.empty_like(p_W), torch.empty(p_W.shape[:2]), torch.empty(p_W.shape[:2]))
+        out = FieldSample(torch.empty_like(p_W), p_W.new_empty(p_W.shape[:2]), p_W.new_empty(p_W.shape[:2]))
         buffers = (t.numpy() for t in out)
         sample.sample_field(self.volumes, which, margin_m, self.params, scene_ids.numpy(), p_W.numpy(), *buffers)
         return out
@@ -113,7 +113,7 @@ class FieldBank:
         scene_ids, p_W = self._check(scene_ids, p_W)
         if self._torch is not None:
             return torch_sample.sample_distance(self._torch, scene_ids, p_W)
-        out = torch.empty(p_W.shape[:2])
+        out = p_W.new_empty(p_W.shape[:2])
         sample.sample_distance(self.volumes, scene_ids.numpy(), p_W.numpy(), out.numpy())
         return out
 

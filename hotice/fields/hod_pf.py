@@ -68,7 +68,7 @@ class GuidanceField:
             return np.where(reachable | np.isnan(geodesic), geodesic, geodesic.dtype.type(np.inf))  # type: ignore
         import torch
 
-        mask = torch.from_numpy(np.ascontiguousarray(reachable)).to(geodesic.device)
+        mask = torch.from_numpy(np.asarray(reachable)).to(geodesic.device)
         return geodesic.masked_fill(~(mask | geodesic.isnan()), math.inf)
 
     def extended_geodesic_distance(self, p_W: ArrayOrTensor) -> ArrayOrTensor:
