@@ -3,9 +3,8 @@ import pytest
 import torch
 
 from hotice.errors import InvalidConfig, UnknownName
-from hotice.fields import FieldBank, FieldParams, build_hod_pf
+from hotice.fields import FieldBank, FieldParams, build_hod_pf, torch_sample
 from hotice.fields import sample as compiled
-from hotice.fields import torch_sample
 from hotice.fields.potential import f_rep, f_rep_scalar, u_rep
 from hotice.fields.volumes import Volumes
 from hotice.model import Obstacle, Scene, load_scene
