@@ -24,7 +24,7 @@ from hotice.replay.solids import obstacle_geom, obstacle_triangles, outline, pla
 Array = NDArray[np.float64]
 CATEGORY_COLORS = {"ground": "#b4533c", "side": "#5f7590", "overhead": "#7a5aa6"}
 SGF_COLOR, OGF_COLOR, GOAL_COLOR, ROOT_COLOR, OBJECT_COLOR = "#1f6fe5", "#e8710a", "#16a34a", "#334155", "#c2410c"
-OUTCOME_COLORS = {"success": "#15803d", "timeout": "#a16207"}
+OUTCOME_COLORS = {"success": "#15803d", "timeout": "#a16207", "running": "#a16207"}
 FAILURE_COLOR = "#b91c1c"
 ARROW_M, FIELD_SCALE = 0.3, 0.6  # a field of strength FIELD_SCALE is drawn at 63 % of ARROW_M
 LIGHT_W = np.array([-0.35, -0.55, 0.76])

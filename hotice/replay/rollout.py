@@ -22,7 +22,8 @@ from hotice.replay.output import write_bytes
 from hotice.replay.solids import SOLIDS
 
 FORMAT = "hotice-rollout/1"
-OUTCOMES = ("success", "fall", "drop", "robot_collision", "object_collision", "timeout")
+OUTCOMES = ("success", "fall", "drop", "robot_collision", "object_collision", "timeout", "unstable", "running")
+"""How a rollout ended; unstable: physics gave no finite state; running: the record stops before the rollout did."""
 MAX_FILE_BYTES = 512 * 2**20
 _TYPE_NAMES = {int(getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}")): name for name in SOLIDS}
 _unpacked: list[tempfile.TemporaryDirectory] = []  # meshes of loaded records, kept until the program ends

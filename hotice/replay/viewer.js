@@ -260,7 +260,7 @@
 
   function describe(record) {
     $("outcome").textContent = record.outcome.replaceAll("_", " ");
-    $("outcome").className = "badge " + (["success", "timeout"].includes(record.outcome) ? record.outcome : "failure");
+    $("outcome").className = "badge " + (["success", "timeout", "running"].includes(record.outcome) ? record.outcome : "failure");
     $("distance").textContent = record.distance_m.toFixed(2) + " m from the goal";
     const facts = { Policy: record.policy, Object: record.carried, Obstacles: record.obstacle_text };
     $("facts").replaceChildren(...Object.entries(facts).flatMap(([name, text]) => {
