@@ -106,10 +106,8 @@ class Cylinder(_Carried):
         self._check("radius_m", "length_m")
 
     def keypoints(self) -> NDArray[np.float64]:
-        """Four points (at 0, 90, 180, 270 degrees) of the bottom rim, then four of the top rim, (8, 3) in O [m]."""
-        ring = self.radius_m * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-        z = 0.5 * self.length_m
-        return np.concatenate([np.column_stack([ring, np.full(4, -z)]), np.column_stack([ring, np.full(4, z)])])
+        """Four evenly spaced points of each rim (at ± 45 and ± 135 degrees), signs ordered as `OCTANTS`, (8, 3) in O [m]."""
+        return OCTANTS * np.array([self.radius_m / math.sqrt(2.0), self.radius_m / math.sqrt(2.0), 0.5 * self.length_m])
 
     @property
     def half_extents_m(self) -> NDArray[np.float64]:

@@ -1,0 +1,40 @@
+"""Errors that hotice raises on purpose.
+
+Every message says what came, what is allowed and, where it helps, how to mend it. The command line prints the message of
+a `HoticeError` on one line and exits with status 2; anything else is a defect and keeps its traceback.
+"""
+
+
+class HoticeError(Exception):
+    """Base of every error that a user of hotice can mend."""
+
+
+class UnknownName(HoticeError):
+    """A name that is not in a table: says which names are."""
+
+    def __init__(self, kind: str, name: object, known) -> None:
+        super().__init__(f"unknown {kind} {name!r}: known are {', '.join(sorted(map(str, known)))}")
+
+
+class InvalidScene(HoticeError):
+    """A scene file or scene that cannot be used."""
+
+
+class InvalidObject(HoticeError):
+    """A carried object with an impossible shape, size or mass."""
+
+
+class CarryInfeasible(HoticeError):
+    """No carry state exists for this object and posture; says why."""
+
+
+class InvalidConfig(HoticeError):
+    """A configuration value outside its allowed range."""
+
+
+class CheckpointError(HoticeError):
+    """A checkpoint or policy file that is missing, truncated, tampered with or of another layout."""
+
+
+class OutputError(HoticeError):
+    """An output path that cannot be written."""

@@ -1,0 +1,23 @@
+"""Command line: `hotice train|evaluate|export|play|tables|benchmark`, also as `python -m hotice.learn`."""
+
+from __future__ import annotations
+
+import sys
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Runs a command; a `HoticeError` is printed on one line and gives status 2."""
+    import tyro
+
+    from hotice.errors import HoticeError
+    from hotice.learn import commands
+
+    try:
+        return tyro.extras.subcommand_cli_from_dict(commands.COMMANDS, args=argv, prog="hotice", description=__doc__) or 0
+    except HoticeError as error:
+        print(f"hotice: {error}".replace("\n", " "), file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

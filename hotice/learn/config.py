@@ -1,0 +1,107 @@
+"""Training in numbers. Sources: paper, CAT, FALCON, or ours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hotice.errors import InvalidConfig
+from hotice.sim.config import TaskConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class PpoConfig:
+    """Proximal policy optimisation."""
+
+    steps: int = 24
+    """Control steps per environment and update (FALCON)."""
+    epochs: int = 3
+    """Passes over a rollout (ours; CAT 4)."""
+    minibatches: int = 4
+    """Minibatches a pass (ours; CAT 32 of a far larger rollout)."""
+    gamma: float = 0.99
+    """Discount (FALCON)."""
+    lam: float = 0.95
+    """Decay of generalised advantages (CAT)."""
+    clip: float = 0.2
+    """Clipping of the probability ratio, and of the value (CAT)."""
+    learning_rate: float = 1e-3
+    """First learning rate; each agent's then follows its own KL divergence (FALCON)."""
+    max_learning_rate: float = 3e-3
+    """Upper limit of the learning rate (ours)."""
+    target_kl: float = 0.03
+    """Wished KL divergence of a minibatch from the rollout policy (ours; FALCON 0.01)."""
+    entropy: float = 0.002
+    """Weight of the entropy bonus (ours; CAT 0.01)."""
+    value_weight: float = 1.0
+    """Weight of the value loss (ours)."""
+    mirror_weight: float = 0.5
+    """Weight of the mirror loss of the actors; 0 switches it off (ours)."""
+    max_grad_norm: float = 1.0
+    """Gradient clipping, per agent (FALCON)."""
+    min_std: float = 0.12
+    """Lower limit of the action's standard deviation (ours)."""
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "epochs", "minibatches"):
+            if int(getattr(self, name)) < 1:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
+        for name in ("gamma", "lam"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a number between 0 and 1 is needed")
+        for name in ("clip", "learning_rate", "max_learning_rate", "target_kl", "max_grad_norm", "min_std"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """One training run."""
+
+    out: Path = Path("runs/latest")
+    """Folder of the run: checkpoints, TensorBoard events, configuration."""
+    preset: str = "dual_hodpf"
+    """Row of Table I: dual_hodpf, dual_sgf, single_hodpf, single_sgf."""
+    scenes: tuple[str, ...] = ("open_floor",)
+    """Scene names, files, folders, or families as `family:NAME:COUNT`."""
+    num_envs: int = 1024
+    """Parallel environments."""
+    updates: int = 1_000_000
+    """Stop after this many updates in all."""
+    max_minutes: float = 0.0
+    """Stop after this many minutes of this call; 0: no limit."""
+    resume: bool = False
+    """Go on from the newest checkpoint in `out`."""
+    init: Path | None = None
+    """Start from the networks (not the counters) of this checkpoint."""
+    seed: int = 0
+    """Seed of every random draw."""
+    checkpoint_minutes: float = 3.0
+    """Time between checkpoints."""
+    checkpoint_updates: int = 0
+    """Also checkpoint every so many updates; 0: no."""
+    threads: int = 0
+    """Threads of physics and torch; 0: all cores."""
+    hidden: tuple[int, ...] = (256, 128)
+    """Hidden layers of each actor."""
+    critic_hidden: tuple[int, ...] = (256, 128)
+    """Hidden layers of each critic."""
+    init_std: tuple[float, float] = (0.6, 0.3)
+    """First standard deviation of leg and arm actions."""
+    ppo: PpoConfig = field(default_factory=PpoConfig)
+    """Optimiser."""
+    task: TaskConfig = field(default_factory=lambda: TaskConfig(anywhere=0.7, end_at_goal=False))
+    """Task."""
+
+    def __post_init__(self) -> None:
+        if self.num_envs < 1 or (self.num_envs * self.ppo.steps) % self.ppo.minibatches:
+            raise InvalidConfig(
+                f"{self.num_envs} environments x {self.ppo.steps} steps do not divide into {self.ppo.minibatches} minibatches"
+            )
+        if not (np.isfinite(self.max_minutes) and self.max_minutes >= 0):
+            raise InvalidConfig(f"max_minutes is {self.max_minutes!r}: a finite number of at least 0 is needed")
+        if not self.scenes:
+            raise InvalidConfig("no scenes: at least one name, file or folder is needed")

@@ -1,0 +1,204 @@
+"""The training loop: act, step, store, estimate, update, save."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from hotice.errors import CheckpointError
+from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, save_checkpoint
+from hotice.learn.config import TrainConfig
+from hotice.learn.dual_ppo import DualPpo
+from hotice.learn.gae import gae
+from hotice.learn.networks import ActorCritic
+from hotice.learn.progress import Progress
+from hotice.learn.scene_sets import resolve_scenes
+from hotice.learn.statistics import EpisodeStatistics
+from hotice.learn.version import source_version
+from hotice.sim.env import TransportEnv
+from hotice.sim.observations import mirror_action
+from hotice.learn.storage import Rollout
+
+
+class Runner:
+    """Trains one run. Everything that a later update depends on is in its checkpoints: a resumed run goes on bit for bit."""
+
+    def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
+        self.config = config
+        if config.threads:
+            torch.set_num_threads(config.threads)
+        torch.manual_seed(config.seed)
+        self.env = env or TransportEnv(
+            config.num_envs, resolve_scenes(config.scenes), preset=config.preset, seed=config.seed, config=config.task,
+            threads=config.threads,
+        )  # fmt: skip
+        env = self.env
+        self.net = ActorCritic(
+            env.agents, env.policy_table.size, env.critic_table.size, config.hidden, config.critic_hidden, config.init_std
+        ).to(env.device)
+        generator = torch.Generator(env.device).manual_seed(config.seed + 1)
+        self.algo = DualPpo(self.net, config.ppo, env.policy_table.mirror, mirror_action, generator)
+        self.rollout = Rollout(
+            config.ppo.steps, env.num_envs, env.policy_table.size, env.critic_table.size, len(env.agents), env.device
+        )
+        self.stats = EpisodeStatistics(env.num_envs, env.bank.num_scenes, env.device)
+        self.update = 0
+        self.minutes = 0.0
+        self.steps = 0
+        self._saved_at = time.monotonic()
+        self.obs, self.critic_obs = env.reset()
+        if config.init is not None:
+            self.load_networks(config.init)
+        if config.resume and list_checkpoints(config.out):
+            self.load(config.out)
+
+    def train(self) -> None:
+        """Runs until the limit of updates or minutes; saves at the end, also when interrupted."""
+        cfg = self.config
+        begin, minutes_before = time.monotonic(), self.minutes
+        write_config(cfg)
+        with Progress(cfg, self.update) as progress:
+            try:
+                while self.update < cfg.updates:
+                    log = self.learn_once()
+                    self.minutes = minutes_before + (time.monotonic() - begin) / 60.0
+                    progress.report(self.update, self.steps, self.minutes, log)
+                    if self._due():
+                        self.save()
+                    if cfg.max_minutes and self.minutes - minutes_before >= cfg.max_minutes:
+                        break
+            except KeyboardInterrupt:
+                progress.note("interrupted: saving")
+        self.save()
+
+    def learn_once(self) -> dict[str, float]:
+        """One rollout and one update."""
+        begin = time.monotonic()
+        self.collect()
+        middle = time.monotonic()
+        log = self.algo.update(self.rollout)
+        self._observe_statistics()
+        self.update += 1
+        self.steps += self.env.num_envs * self.config.ppo.steps
+        episodes, ended, successes = self.stats.pop()
+        log |= episodes
+        log["seconds/collect"], log["seconds/learn"] = middle - begin, time.monotonic() - middle
+        log["steps_per_s"] = self.env.num_envs * self.config.ppo.steps / (time.monotonic() - begin)
+        log["reward"] = float(self.rollout.reward.mean())
+        log["unstable"] = float(self.env.unstable)
+        return log
+
+    @torch.no_grad()
+    def collect(self) -> None:
+        """Fills the rollout and estimates advantages."""
+        net, env, r = self.net, self.env, self.rollout
+        terms = torch.zeros(len(env.rewards.names), device=env.device)
+        for t in range(self.config.ppo.steps):
+            r.obs[t], r.critic_obs[t] = net.obs_norm(self.obs), net.critic_norm(self.critic_obs)
+            r.value[t] = net.values(r.critic_obs[t])
+            r.action[t], r.mean[t], r.log_prob[t] = self.algo.sample(r.obs[t])
+            self._raw_obs = self.obs
+            step = env.step(r.action[t])
+            r.reward[t], r.terminated[t], r.truncated[t] = step.reward, step.terminated, step.truncated
+            if step.truncated.any():
+                ids = torch.nonzero(step.truncated).squeeze(1)
+                r.final_value[t, ids] = net.values(net.critic_norm(step.final_critic[ids]))
+            self.obs, self.critic_obs = step.policy, step.critic
+            self.stats.add(step)
+            terms += step.terms.mean(dim=0)
+        self.terms = dict(zip(env.rewards.names, (terms / self.config.ppo.steps).tolist(), strict=True))
+        last = net.values(net.critic_norm(self.critic_obs))
+        ppo = self.config.ppo
+        r.advantage = gae(r.reward, r.value, last, r.final_value, r.terminated, r.truncated, ppo.gamma, ppo.lam)
+
+    def _observe_statistics(self) -> None:
+        """Updates the normalisers, once an update, with the newest observations and their mirror images."""
+        env = self.env
+        self.net.obs_norm.update(torch.cat([self.obs, env.policy_table.mirror(self.obs)]))
+        self.net.critic_norm.update(torch.cat([self.critic_obs, env.critic_table.mirror(self.critic_obs)]))
+
+    # saving and loading ---------------------------------------------------------------------------------------------
+
+    def _due(self) -> bool:
+        every = self.config.checkpoint_updates
+        late = time.monotonic() - self._saved_at > 60.0 * self.config.checkpoint_minutes
+        return late or bool(every and self.update % every == 0)
+
+    def save(self) -> Path:
+        """Writes a checkpoint."""
+        tensors = {f"net.{k}": v for k, v in self.net.state_dict().items()}
+        for index, state in self.algo.optimizer.state_dict()["state"].items():
+            tensors |= {f"optimizer.{index}.{k}": torch.as_tensor(v) for k, v in state.items()}
+        tensors |= {f"env.{k}": v for k, v in self.env.state().items()}
+        tensors["generator"] = self.algo.generator.get_state()
+        tensors["reached"] = self.stats.reached
+        meta: dict[str, Any] = {
+            "steps": self.steps, "minutes": self.minutes, "skipped": self.algo.skipped,
+            "learning_rates": [g["lr"] for g in self.algo.optimizer.param_groups],
+            "config": config_to_dict(self.config), "layout": self.env.policy_table.layout(),
+            "critic_layout": self.env.critic_table.layout(), "scenes": self.env.bank.names, "source": source_version(),
+            "num_envs": self.env.num_envs,
+        }  # fmt: skip
+        self._saved_at = time.monotonic()
+        return save_checkpoint(self.config.out, self.update, tensors, meta)
+
+    def load(self, path: Path) -> None:
+        """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one."""
+        tensors, meta = load_checkpoint(path, self.env.device)
+        self._check_fit(path, meta)
+        self._load_net(path, tensors)
+        opt = self.algo.optimizer.state_dict()
+        opt["state"] = {}
+        for key, value in tensors.items():
+            if key.startswith("optimizer."):
+                _, index, name = key.split(".", 2)
+                opt["state"].setdefault(int(index), {})[name] = value
+        self.algo.optimizer.load_state_dict(opt)
+        for group, lr in zip(self.algo.optimizer.param_groups, meta["learning_rates"], strict=True):
+            group["lr"] = lr
+        self.algo.skipped = int(meta["skipped"])
+        self.algo.generator.set_state(tensors["generator"].cpu())
+        self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
+        same_envs = meta["num_envs"] == self.env.num_envs and meta["scenes"] == self.env.bank.names
+        if same_envs and meta["config"]["task"] == config_to_dict(self.config)["task"]:
+            self.obs, self.critic_obs = self.env.load_state(
+                {k.removeprefix("env."): v for k, v in tensors.items() if k.startswith("env.")}
+            )
+            self.stats.reached.copy_(tensors["reached"])
+
+    def load_networks(self, path: Path) -> None:
+        """Takes the networks and normalisers of another run."""
+        tensors, meta = load_checkpoint(path, self.env.device)
+        self._check_fit(path, meta)
+        self._load_net(path, tensors)
+
+    def _load_net(self, path: Path, tensors: dict[str, Tensor]) -> None:
+        try:
+            self.net.load_state_dict({k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
+        except RuntimeError as error:
+            raise CheckpointError(f"{path}: networks of another shape: {str(error).splitlines()[-1].strip()}") from None
+
+    def _check_fit(self, path: Path, meta: dict[str, Any]) -> None:
+        layout = [tuple(row) for row in meta["layout"]]
+        if layout != self.env.policy_table.layout():
+            raise CheckpointError(f"{path}: observation layout differs from the environment's")
+        if meta["config"]["preset"] != self.config.preset:
+            raise CheckpointError(f"{path}: trained as {meta['config']['preset']!r}, not {self.config.preset!r}")
+
+
+def config_to_dict(config: Any) -> Any:
+    """A configuration as JSON-ready values."""
+    return json.loads(json.dumps(dataclasses.asdict(config), default=str))
+
+
+def write_config(config: TrainConfig) -> None:
+    """Writes `config.json` of a run, aside and renamed. Raises `OutputError`."""
+    from hotice.files import write_text
+
+    write_text(config.out / "config.json", json.dumps({**config_to_dict(config), "source": source_version()}, indent=1) + "\n")

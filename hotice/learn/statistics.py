@@ -1,0 +1,55 @@
+"""Counts of how episodes end, while training."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from hotice.sim.env import Step
+from hotice.sim.terminations import OUTCOMES
+
+
+class EpisodeStatistics:
+    """Collects ended episodes since the last `pop`, in all and by scene.
+
+    Success here is the first arrival: the root came within the goal radius before the episode ended, whatever ended it.
+    """
+
+    def __init__(self, num_envs: int, num_scenes: int, device: torch.device) -> None:
+        self.reached = torch.zeros(num_envs, dtype=torch.bool, device=device)
+        self.ended = torch.zeros(num_scenes, device=device)
+        self.outcomes = torch.zeros(len(OUTCOMES), device=device)
+        self.successes = torch.zeros(num_scenes, device=device)
+        self.collisions = torch.zeros(num_scenes, device=device)
+        self.distance = torch.zeros((), device=device)
+        self.length = torch.zeros((), device=device)
+
+    def add(self, step: Step) -> None:
+        """Takes in one control step."""
+        self.reached |= step.reached
+        done = step.outcome > 0
+        scene = step.scene[done]
+        ones = torch.ones(len(scene), device=scene.device)
+        collided = step.outcome[done]
+        hit = (collided == OUTCOMES.index("robot_collision")) | (collided == OUTCOMES.index("object_collision"))
+        self.ended.index_add_(0, scene, ones)
+        self.outcomes += torch.bincount(step.outcome[done], minlength=len(OUTCOMES))
+        self.successes.index_add_(0, scene, self.reached[done].float())
+        self.collisions.index_add_(0, scene, hit.float())
+        self.distance += step.goal_distance[done].sum()
+        self.length += step.length[done].sum()
+        self.reached[done] = False
+
+    def pop(self) -> tuple[dict[str, float], Tensor, Tensor]:
+        """Means since the last call, ended episodes and successes by scene (S,); then starts anew."""
+        total = float(self.ended.sum())
+        result = {"episodes": total}
+        if total:
+            result |= {f"share/{n}": float(c) / total for n, c in zip(OUTCOMES, self.outcomes, strict=True) if n != "running"}
+            result["share/reached"] = float(self.successes.sum()) / total
+            result["distance_m"] = float(self.distance) / total
+            result["length"] = float(self.length) / total
+        ended, successes = self.ended.clone(), self.successes.clone()
+        for t in (self.ended, self.outcomes, self.successes, self.collisions, self.distance, self.length):
+            t.zero_()
+        return result, ended, successes

@@ -1,0 +1,191 @@
+"""One builder for every simulator: the robot, what it carries and what stands in its way.
+
+`build_model` compiles for MuJoCo, `pinocchio_model` and `add_to_plant` give the same robot to Pinocchio and Drake.
+Contact bits: 1 floor, 2 carried object, 4 obstacles. The floor meets soles and object, the object meets palms, trunk and
+thighs, obstacles meet every link and the object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hotice.errors import InvalidConfig, InvalidScene
+from hotice.model import g1
+from hotice.model.frames import quat_from_axis_angle
+from hotice.model.objects import CarriedObject
+from hotice.model.scene import Scene
+
+if TYPE_CHECKING:
+    import pinocchio
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import ModelInstanceIndex
+
+FLOOR, OBJECT, OBSTACLE = 1, 2, 4
+OBJECT_BODY = "object"
+OBSTACLE_PREFIX = "obstacle/"
+MESH_SKIN_M = 0.001
+MAX_MESH_FACES = 4000
+
+
+def robot_spec(joints: Literal[20, 29] = 20, wrist_pos: ArrayLike | None = None) -> mujoco.MjSpec:
+    """The robot alone: 29 joints, or 20 with waist and wrists welded; actuators are position servos.
+
+    The servo law is τ = kp (ctrl − q) − kd q̇, cut at the torque limit of the description. `wrist_pos` (6,) [rad], in the
+    order of `g1.WRIST_JOINTS`, are the angles at which the wrists of the 20-joint robot are welded (default zero).
+    """
+    if joints not in (20, 29):
+        raise InvalidConfig(f"robot with {joints!r} joints: allowed are 20 (waist and wrists locked) and 29 (all)")
+    spec = mujoco.MjSpec.from_file(g1.xml_path())
+    if joints == 20:
+        for name in g1.LOCKED_JOINTS:
+            spec.delete(spec.actuator(name.removesuffix("_joint")))
+            spec.delete(spec.joint(name))
+        if wrist_pos is not None:
+            for name, quat in zip(g1.WRIST_LINKS, wrist_quats(wrist_pos), strict=True):
+                spec.body(name).quat = quat
+    for actuator in spec.actuators:
+        kp, kd = (float(v[0]) for v in g1.gains([actuator.target]))
+        limit = list(actuator.ctrlrange)
+        actuator.set_to_position(kp=kp, kv=kd)
+        actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        actuator.forcerange = limit
+    return spec
+
+
+def wrist_quats(wrist_pos: ArrayLike) -> np.ndarray:
+    """Orientation of each wrist link in its parent, (..., 6) [rad] -> (..., 6, 4) wxyz."""
+    axes = np.array([g1.WRIST_AXES[g1.stem(j)] for j in g1.WRIST_JOINTS])
+    return quat_from_axis_angle(axes, np.asarray(wrist_pos, dtype=float))
+
+
+def build_model(
+    carried: CarriedObject | None = None,
+    scene: Scene | None = None,
+    *,
+    joints: Literal[20, 29] = 20,
+    wrist_pos: ArrayLike | None = None,
+    floor: bool = True,
+    fixed_base: bool = False,
+    timestep_s: float = 0.005,
+    elliptic: bool = False,
+) -> mujoco.MjModel:
+    """Compiles robot, floor, carried object and obstacles for MuJoCo.
+
+    Args:
+        carried: adds body `object` with a free joint, after the robot in qpos and qvel.
+        scene: adds every obstacle as a static geom named `obstacle/<name>`.
+        joints: 20 for training (waist and wrists welded), 29 for cross-checks.
+        wrist_pos: (6,) angles of the welded wrists [rad], default zero (20 joints only).
+        floor: adds the ground plane.
+        fixed_base: welds the pelvis to the world at its initial height (for tests of the grasp).
+        timestep_s: physics step.
+        elliptic: elliptic friction cones and Newton to convergence instead of the training settings.
+    """
+    spec = robot_spec(joints, wrist_pos)
+    spec.option.timestep = timestep_s
+    if elliptic:
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.iterations, spec.option.ls_iterations = 100, 50
+    if fixed_base:
+        spec.delete(spec.joint("floating_base"))
+    if floor:
+        spec.worldbody.add_geom(
+            name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=FLOOR, conaffinity=0, group=1,
+            friction=[1.0, 0.005, 0.0001], rgba=[0.9, 0.9, 0.88, 1],
+        )  # fmt: skip
+    if carried is not None:
+        add_object(spec, carried)
+    if scene is not None:
+        add_obstacles(spec, scene)
+    return spec.compile()
+
+
+def add_object(spec: mujoco.MjSpec, carried: CarriedObject) -> None:
+    """Adds the carried object as a free body named `object` with one geom of the same name."""
+    kind, size = carried.mujoco_geom()
+    body = spec.worldbody.add_body(name=OBJECT_BODY, pos=[0.4, 0, 0.9])
+    body.add_freejoint(name="object_free")
+    body.add_geom(
+        name=OBJECT_BODY, type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"), size=[*size, 0, 0][:3],
+        contype=OBJECT, conaffinity=FLOOR | OBSTACLE, condim=3, friction=[0.8, 0.005, 0.0001], group=2,
+        rgba=[0.80, 0.60, 0.35, 1], mass=0,
+    )  # fmt: skip
+    body.explicitinertial = True
+    body.mass = carried.mass_kg
+    body.inertia = carried.inertia_diag_kgm2
+    body.ipos = [0, 0, 0]
+    body.iquat = [1, 0, 0, 0]
+
+
+def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
+    """Adds every obstacle of the scene as static geoms.
+
+    A triangle mesh becomes one thin prism (1 mm) per face, because MuJoCo would replace the mesh by its convex hull:
+    what lies in a hollow of the mesh must not count as a collision.
+    """
+    for obstacle in scene.obstacles:
+        kind, size = obstacle.shape.mujoco_geom() if obstacle.shape.type != "mesh" else ("mesh", ())
+        common = dict(
+            pos=list(obstacle.position_m), quat=list(obstacle.quaternion_wxyz), contype=OBSTACLE, conaffinity=0,
+            condim=3, friction=[0.6, 0.005, 0.0001], group=0, rgba=[0.55, 0.62, 0.70, 1],
+        )  # fmt: skip
+        name = OBSTACLE_PREFIX + obstacle.name
+        if kind != "mesh":
+            spec.worldbody.add_geom(
+                name=name, type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"), size=[*size, 0, 0][:3], **common
+            )
+            continue
+        vertices, faces = obstacle.shape.triangles()
+        if len(faces) > MAX_MESH_FACES:
+            raise InvalidScene(
+                f"obstacle {obstacle.name!r}: mesh of {len(faces)} faces, at most {MAX_MESH_FACES} can be simulated "
+                "exactly: simplify the mesh"
+            )
+        for index, prism in enumerate(face_prisms(vertices, faces)):
+            spec.add_mesh(name=f"{name}#{index}", uservert=prism.reshape(-1).tolist())
+            spec.worldbody.add_geom(
+                name=f"{name}#{index}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}#{index}", **common
+            )
+
+
+def face_prisms(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Prisms of thickness `MESH_SKIN_M` behind each triangle, (F, 6, 3) [m]; triangles without area are left out."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    area2 = np.linalg.norm(normal, axis=1)
+    keep = area2 > 1e-10
+    inward = -MESH_SKIN_M * normal[keep] / area2[keep, None]
+    front = np.stack([a[keep], b[keep], c[keep]], axis=1)
+    return np.concatenate([front, front + inward[:, None]], axis=1)
+
+
+def pinocchio_model(joints: Literal[20, 29] = 29) -> pinocchio.Model:
+    """The robot for Pinocchio: free flyer and 29 joints, or reduced to the 20 of the policy (locked at zero)."""
+    import pinocchio as pin
+
+    model = pin.buildModelFromMJCF(g1.xml_path())
+    if joints == 29:
+        return model
+    locked = [model.getJointId(name) for name in g1.LOCKED_JOINTS]
+    return pin.buildReducedModel(model, locked, pin.neutral(model))
+
+
+def add_to_plant(plant: MultibodyPlant) -> Sequence[ModelInstanceIndex]:
+    """Adds the 29-joint robot to a Drake plant from the same text; returns the model instances."""
+    import logging
+
+    from pydrake.multibody.parsing import Parser
+
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.ERROR)  # Drake warns about each MuJoCo-only attribute
+    try:
+        return Parser(plant).AddModels(g1.xml_path())
+    finally:
+        log.setLevel(level)

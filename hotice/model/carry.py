@@ -1,0 +1,291 @@
+"""Carry states: a robot that already holds an object and goes on holding it.
+
+Inverse kinematics puts both palms on the object and the feet under the common centre of mass; static torques of gravity,
+ground reaction and grasp give servo targets q* = q + τ/kp, so that the zero action holds the load (the servo of a joint
+that carries torque τ must be commanded past its angle). Training and evaluation start from carry states.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from hotice.errors import CarryInfeasible, InvalidConfig
+from hotice.model import builder, g1
+from hotice.model.frames import quat_from_axis_angle
+from hotice.model.objects import Box, CarriedObject, Cylinder
+
+GRAVITY = 9.81
+ARM_TORQUE_SHARE = 0.85  # of the limit; the rest is for moving
+MAX_GAP_M = 0.0015
+PRELOAD_M = 0.0003
+TORSO_GAP_M = 0.015
+TORSO_FRONT_M = 0.079
+PALM_FRICTION = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Posture:
+    """Where the pelvis is: height above the sole plane [m] and forward lean [rad]."""
+
+    pelvis_height_m: float = 0.74
+    lean_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.40 <= self.pelvis_height_m <= 0.785:
+            raise InvalidConfig(f"pelvis_height_m is {self.pelvis_height_m!r}: allowed are 0.40 (squat) to 0.785 (upright)")
+        if not -0.2 <= self.lean_rad <= 0.6:
+            raise InvalidConfig(f"lean_rad is {self.lean_rad!r}: allowed are -0.2 (back) to 0.6 (forward)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarryState:
+    """A robot holding an object, at rest. Joint order is `g1.ACTION_JOINTS`; the heading is +x, soles on z = 0.
+
+    Attributes:
+        joint_pos: (20,) angles [rad].
+        wrist_pos: (6,) angles at which the wrists stay locked [rad], order `g1.WRIST_JOINTS`.
+        joint_target: (20,) servo targets that hold the state [rad].
+        torque: (20,) static servo torques [N m].
+        root_pos_W: (3,) pelvis position [m]; quat_WP: (4,) its orientation, wxyz.
+        object_pos_W: (3,) centre of the object [m]; quat_WO: (4,) its orientation, wxyz.
+        squeeze_n: normal force of each hand [N].
+    """
+
+    carried: CarriedObject
+    posture: Posture
+    joint_pos: NDArray
+    wrist_pos: NDArray
+    joint_target: NDArray
+    torque: NDArray
+    root_pos_W: NDArray
+    quat_WP: NDArray
+    object_pos_W: NDArray
+    quat_WO: NDArray
+    squeeze_n: float
+
+    def qpos(self) -> NDArray:
+        """(34,) configuration of the 20-joint model with object."""
+        return np.concatenate([self.root_pos_W, self.quat_WP, self.joint_pos, self.object_pos_W, self.quat_WO])
+
+
+@lru_cache(maxsize=1)
+def _robot() -> mujoco.MjModel:
+    return builder.build_model(None, joints=29, floor=False)
+
+
+class _Kinematics:
+    """The robot as a function of 20 joint angles and 6 locked wrist angles, at a given pelvis orientation."""
+
+    def __init__(self, posture: Posture) -> None:
+        self.model = _robot()
+        self.data = mujoco.MjData(self.model)
+        self.quat_WP = quat_from_axis_angle([0.0, 1.0, 0.0], np.asarray(posture.lean_rad))
+        self.q = np.zeros(20)
+        self.wrist = np.zeros(6)
+        self.qpos_of = {j: self.model.joint(j).qposadr[0] for j in g1.ALL_JOINTS}
+        self.action_qpos = [self.qpos_of[j] for j in g1.ACTION_JOINTS]
+        self.wrist_qpos = [self.qpos_of[j] for j in g1.WRIST_JOINTS]
+        self.action_dof = [self.model.joint(j).dofadr[0] for j in g1.ACTION_JOINTS]
+        self.palm_id = {s: [self.model.geom(f"{s}_palm_{i}").id for i in range(4)] for s in g1.SIDES}
+        self.hand_body = {s: self.model.body(f"{s}_wrist_yaw_link").id for s in g1.SIDES}
+        self.foot_body = {s: self.model.body(f"{s}_ankle_roll_link").id for s in g1.SIDES}
+        self.sole_id = {s: [self.model.geom(f"{s}_sole_{i}").id for i in range(4)] for s in g1.SIDES}
+        self.palm_radius = float(self.model.geom_size[self.palm_id["left"][0], 0])
+        self.range = self.model.jnt_range[[self.model.joint(j).id for j in g1.ACTION_JOINTS]]
+        self.wrist_range = self.model.jnt_range[[self.model.joint(j).id for j in g1.WRIST_JOINTS]]
+        limit = {self.model.joint(a.trnid[0]).name: a.forcerange[1] for a in map(self.model.actuator, range(self.model.nu))}
+        self.torque_limit = np.array([limit[j] for j in g1.ACTION_JOINTS])
+
+    def update(self) -> None:
+        """Places the pelvis at the origin, orientation of the posture, joints at `self.q`."""
+        self.data.qpos[:3] = 0.0
+        self.data.qpos[3:7] = self.quat_WP
+        self.data.qpos[self.action_qpos] = self.q
+        self.data.qpos[self.wrist_qpos] = self.wrist
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def palms(self, side: str) -> NDArray:
+        """Centres of the palm spheres, (4, 3) relative to the pelvis, in world directions."""
+        return self.data.geom_xpos[self.palm_id[side]].copy()
+
+
+def _shape_distance(carried: CarriedObject, p_O: NDArray) -> NDArray:
+    """Signed distance to the object's surface, (N, 3) in O -> (N,)."""
+    if isinstance(carried, Box):
+        d = np.abs(p_O) - carried.half_extents_m
+        return np.linalg.norm(np.maximum(d, 0), axis=1) + np.minimum(d.max(axis=1), 0)
+    if isinstance(carried, Cylinder):
+        d = np.stack([np.hypot(p_O[:, 0], p_O[:, 1]) - carried.radius_m, np.abs(p_O[:, 2]) - 0.5 * carried.length_m], 1)
+        return np.linalg.norm(np.maximum(d, 0), axis=1) + np.minimum(d.max(axis=1), 0)
+    return np.linalg.norm(p_O, axis=1) - carried.radius_m
+
+
+LEFT_ARM = slice(g1.UPPER.start, g1.UPPER.start + 4)
+RIGHT_ARM = slice(g1.UPPER.start + 4, g1.UPPER.stop)
+RIGHT_SIGN = g1.mirror_joints()[1][RIGHT_ARM]
+WRIST_SIGN = np.array([-1.0, 1.0, -1.0])  # roll, pitch, yaw
+
+
+def _set_arms(kin: _Kinematics, angles: NDArray) -> None:
+    """Sets the left arm and wrist, (7,), and their mirror image on the right."""
+    kin.q[LEFT_ARM], kin.q[RIGHT_ARM] = angles[:4], RIGHT_SIGN * angles[:4]
+    kin.wrist[:3], kin.wrist[3:] = angles[4:], WRIST_SIGN * angles[4:]
+
+
+def _solve_arms(kin: _Kinematics, carried: CarriedObject) -> tuple[NDArray, float]:
+    """Arm and wrist angles and object position (relative to the pelvis, world directions); upright, centred in y.
+
+    Returns the object position (3,) and the largest residual gap [m] between palm spheres and object.
+    """
+    half = carried.half_extents_m
+    lower = np.concatenate([kin.range[LEFT_ARM, 0], kin.wrist_range[:3, 0]])
+    upper = np.concatenate([kin.range[LEFT_ARM, 1], kin.wrist_range[:3, 1]])
+    lean = 2.0 * float(np.arcsin(kin.quat_WP[2]))
+    x_front = TORSO_FRONT_M + TORSO_GAP_M + half[0] + 0.28 * np.sin(max(lean, 0.0))
+    knees = np.array([kin.data.xpos[kin.model.body(f"{s}_knee_link").id] for s in g1.SIDES])  # from the legs' solution
+    thighs_below = knees[:, 0].max() + 0.06 > x_front - half[0]
+    z_low = max(0.02, knees[:, 2].max() + 0.06 + half[2] + 0.01) if thighs_below else 0.02
+    z_wish = max(0.10, z_low)
+    natural = np.array([0.0, 0.1, 0.0, 0.3, 0.0, 0.0, 0.0])
+
+    def residual(v: NDArray) -> NDArray:
+        _set_arms(kin, v[:7])
+        kin.update()
+        p_O = kin.palms("left") - np.array([v[7], 0.0, v[8]])
+        gap = _shape_distance(carried, p_O) - kin.palm_radius
+        centre = p_O.mean(axis=0)
+        return np.concatenate(
+            [
+                400.0 * (gap + PRELOAD_M),  # every palm sphere touches
+                [30.0 * centre[0], 10.0 * centre[2]],  # in the middle of the side
+                [1.0 * (v[7] - x_front), 1.0 * (v[8] - z_wish)],  # close to the chest, at elbow height
+                0.02 * (v[:4] - natural[:4]),
+                0.06 * v[4:7],  # wrists as straight as they can be
+            ]
+        )
+
+    start = np.concatenate([np.clip(natural, lower + 0.05, upper - 0.05), [x_front + 0.03, z_wish]])
+    fit = least_squares(
+        residual,
+        start,
+        bounds=(np.append(lower + 0.02, [x_front, z_low]), np.append(upper - 0.02, [x_front + 0.30, z_low + 0.5])),
+        xtol=1e-10, ftol=1e-10, max_nfev=200,
+    )  # fmt: skip
+    residual(fit.x)
+    object_pos = np.array([fit.x[7], 0.0, fit.x[8]])
+    gap = _shape_distance(carried, kin.palms("left") - object_pos) - kin.palm_radius
+    return object_pos, float(np.abs(gap).max())
+
+
+def _solve_legs(kin: _Kinematics, posture: Posture, carried: CarriedObject | None, object_pos: NDArray) -> None:
+    """Hip pitch, knee and ankle pitch such that the soles are level at the wished depth and under the centre of mass."""
+    index = {n: i for i, n in enumerate(g1.ACTION_JOINTS)}
+    cols = {k: [index[f"{s}_{k}_joint"] for s in g1.SIDES] for k in ("hip_pitch", "knee", "ankle_pitch")}
+    mass = float(kin.model.body_mass.sum())
+    load = 0.0 if carried is None else carried.mass_kg
+
+    def residual(v: NDArray) -> NDArray:
+        for (_, joints), angle in zip(cols.items(), v, strict=True):
+            kin.q[joints] = angle
+        kin.update()
+        mujoco.mj_comPos(kin.model, kin.data)
+        com = (mass * kin.data.subtree_com[0] + load * object_pos) / (mass + load)
+        soles = kin.data.geom_xpos[kin.sole_id["left"]]
+        front, back = soles[2:].mean(axis=0), soles[:2].mean(axis=0)
+        sole_z = 0.5 * (front + back)[2] - 0.005
+        return np.array([sole_z + posture.pelvis_height_m, front[2] - back[2], 0.5 * (front + back)[0] - com[0]])
+
+    bend = float(np.arccos(np.clip((posture.pelvis_height_m - 0.1) / 0.69, -1, 1)))
+    fit = least_squares(
+        residual, [-bend - posture.lean_rad, 2 * bend, -bend],
+        bounds=(kin.range[[c[0] for c in cols.values()], 0], kin.range[[c[0] for c in cols.values()], 1]),
+        xtol=1e-12, ftol=1e-12,
+    )  # fmt: skip
+    worst = float(np.abs(residual(fit.x)).max())
+    if worst > 1e-3:
+        raise CarryInfeasible(
+            f"no stance with the pelvis at {posture.pelvis_height_m:.2f} m and lean {posture.lean_rad:.2f} rad keeps the "
+            f"centre of mass over level feet (missed by {1e3 * worst:.0f} mm): use another height or less lean"
+        )
+
+
+def _contact_jacobian(kin: _Kinematics, body: int, point: NDArray) -> NDArray:
+    jacobian = np.zeros((3, kin.model.nv))
+    mujoco.mj_jac(kin.model, kin.data, jacobian, None, point, body)
+    return jacobian
+
+
+def _static_torque(kin: _Kinematics, carried: CarriedObject, object_pos: NDArray, squeeze_n: float) -> NDArray:
+    """τ = g(q) − Σ Jᵀ f over both soles and both palms, (20,) [N m]."""
+    kin.update()
+    mujoco.mj_comPos(kin.model, kin.data)
+    kin.data.qvel[:] = 0
+    mujoco.mj_forward(kin.model, kin.data)
+    torque = kin.data.qfrc_bias.copy()
+    weight = carried.mass_kg * GRAVITY
+    for side, inward in (("left", -1.0), ("right", 1.0)):
+        palms = kin.palms(side)
+        touching = palms.mean(axis=0)
+        force_on_hand = np.array([0.0, -inward * squeeze_n, -0.5 * weight])
+        point = touching + [0.0, inward * kin.palm_radius, 0.0]
+        torque -= _contact_jacobian(kin, kin.hand_body[side], point).T @ force_on_hand
+        total = float(kin.model.body_mass.sum()) * GRAVITY + weight
+        sole = kin.data.geom_xpos[kin.sole_id[side]].mean(axis=0) - [0.0, 0.0, 0.005]
+        torque -= _contact_jacobian(kin, kin.foot_body[side], sole).T @ np.array([0.0, 0.0, 0.5 * total])
+    return torque[kin.action_dof]
+
+
+def solve_carry(carried: CarriedObject, posture: Posture | None = None, *, squeeze_n: float | None = None) -> CarryState:
+    """A carry state of the object in the posture.
+
+    Args:
+        carried: box, cylinder (upright) or sphere.
+        posture: of the pelvis; default upright with slightly bent knees.
+        squeeze_n: normal force of each hand [N]; default 32 N plus 4 N per kg.
+
+    Raises:
+        CarryInfeasible: the object is too wide, too deep or too heavy for the arms, or the posture has no stance; says why.
+    """
+    posture = posture or Posture()
+    squeeze = 32.0 + 4.0 * carried.mass_kg if squeeze_n is None else float(squeeze_n)
+    weight = carried.mass_kg * GRAVITY
+    if 2 * PALM_FRICTION * squeeze < 1.3 * weight:
+        raise CarryInfeasible(
+            f"object of {carried.mass_kg:.2f} kg is too heavy for a squeeze of {squeeze:.0f} N: palm friction "
+            f"{PALM_FRICTION:g} holds at most {2 * PALM_FRICTION * squeeze / 1.3 / GRAVITY:.2f} kg"
+        )
+    kin = _Kinematics(posture)
+    object_pos = np.array([0.35, 0.0, 0.1])
+    gap = np.inf
+    for _ in range(2):  # legs and arms see each other through the centre of mass and the thighs
+        _solve_legs(kin, posture, carried, object_pos)
+        object_pos, gap = _solve_arms(kin, carried)
+    if gap > MAX_GAP_M:
+        width = 200.0 * carried.half_extents_m[1]
+        raise CarryInfeasible(
+            f"{carried.shape} {width:.0f} cm wide cannot be held between the palms: the nearest reachable grasp misses its "
+            f"sides by {1e3 * gap:.0f} mm (allowed {1e3 * MAX_GAP_M:.0f} mm)"
+        )
+    _solve_legs(kin, posture, carried, object_pos)
+    torque = _static_torque(kin, carried, object_pos, squeeze)
+    share = np.abs(torque[g1.UPPER]) / kin.torque_limit[g1.UPPER]
+    if share.max() > ARM_TORQUE_SHARE:
+        joint = g1.ARM_JOINTS[int(share.argmax())]
+        raise CarryInfeasible(
+            f"object of {carried.mass_kg:.2f} kg is too heavy for the arms: {joint} would need "
+            f"{np.abs(torque[g1.UPPER]).max():.1f} N m, allowed is {ARM_TORQUE_SHARE:.0%} of its limit"
+        )
+    kp, _ = g1.gains()
+    soles = kin.data.geom_xpos[[i for ids in kin.sole_id.values() for i in ids]]
+    root = np.array([-soles[:, 0].mean(), 0.0, 0.005 - soles[:, 2].min()])
+    return CarryState(
+        carried=carried, posture=posture, joint_pos=kin.q.copy(), wrist_pos=kin.wrist.copy(), joint_target=kin.q + torque / kp, torque=torque,
+        root_pos_W=root, quat_WP=np.asarray(kin.quat_WP), object_pos_W=object_pos + root,
+        quat_WO=np.array([1.0, 0.0, 0.0, 0.0]), squeeze_n=squeeze,
+    )  # fmt: skip

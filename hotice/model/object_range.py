@@ -1,0 +1,40 @@
+"""Random carried objects: what training and benchmarks draw from (paper, V-A: at most 3.5 kg and a 40 cm cube)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hotice.errors import InvalidObject
+from hotice.model.objects import Box, CarriedObject, Cylinder, Sphere
+
+SHAPES = ("box", "cylinder", "sphere")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectRange:
+    """Uniform ranges of shape, size and mass; every extent of an object is drawn on its own."""
+
+    shapes: tuple[str, ...] = ("box",)
+    size_m: tuple[float, float] = (0.20, 0.40)
+    """Smallest and largest full extent [m] (paper: at most 0.40)."""
+    mass_kg: tuple[float, float] = (0.5, 3.5)
+    """Lightest and heaviest [kg] (paper: at most 3.5)."""
+
+    def __post_init__(self) -> None:
+        unknown = [s for s in self.shapes if s not in SHAPES]
+        if unknown or not self.shapes:
+            raise InvalidObject(f"unknown object shape {(unknown or [''])[0]!r}: known are {', '.join(SHAPES)}")
+        for what, (low, high) in (("size_m", self.size_m), ("mass_kg", self.mass_kg)):
+            if not (np.isfinite([low, high]).all() and 0 < low <= high):
+                raise InvalidObject(f"object {what} range {low} .. {high}: finite, positive and rising numbers are needed")
+
+    def sample(self, rng: np.random.Generator) -> CarriedObject:
+        """One object, drawn with `rng`."""
+        shape = self.shapes[int(rng.integers(len(self.shapes)))]
+        x, y, z = (float(v) for v in rng.uniform(*self.size_m, 3))
+        mass = float(rng.uniform(*self.mass_kg))
+        if shape == "box":
+            return Box((x, y, z), mass)
+        return Cylinder(x / 2, z, mass) if shape == "cylinder" else Sphere(x / 2, mass)

@@ -1,0 +1,90 @@
+"""Many carry states at once: the objects and grasps from which episodes start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from hotice.errors import CarryInfeasible
+from hotice.model import builder
+from hotice.model.carry import CarryState, solve_carry
+from hotice.model.object_range import ObjectRange
+from hotice.model.objects import CarriedObject
+from hotice.sim.cover import object_cover
+from hotice.sim.snapshot import Grasp
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarryBank:
+    """M carry states, their models and their rows as tensors (leading axis M)."""
+
+    states: tuple[CarryState, ...]
+    models: tuple[mujoco.MjModel, ...]
+    qpos: Tensor  # (M, 34)
+    target: Tensor  # (M, 20)
+    cover_centre: Tensor  # (M, 27, 3)
+    cover_radius: Tensor  # (M, 27)
+    grasp: Grasp
+
+    @classmethod
+    def sample(cls, objects: ObjectRange, count: int, seed: int, timestep_s: float, device: torch.device) -> CarryBank:
+        """`count` random objects that can be held. Raises `CarryInfeasible` when most of the range cannot be."""
+        rng = np.random.default_rng(seed)
+        states: list[CarryState] = []
+        reasons: list[str] = []
+        while len(states) < count:
+            try:
+                states.append(solve_carry(objects.sample(rng)))
+            except CarryInfeasible as error:
+                reasons.append(str(error))
+                if len(reasons) > 2 * count + 4:
+                    raise CarryInfeasible(f"{len(reasons)} of {len(reasons) + len(states)} objects: {error}") from None
+        return cls.of(states, timestep_s, device)
+
+    @classmethod
+    def of_objects(cls, objects: Sequence[CarriedObject], timestep_s: float, device: torch.device) -> CarryBank:
+        """Carry states of the given objects, in order. Raises `CarryInfeasible`."""
+        return cls.of([solve_carry(o) for o in objects], timestep_s, device)
+
+    @classmethod
+    def of(cls, states: Sequence[CarryState], timestep_s: float, device: torch.device) -> CarryBank:
+        """Compiles the model of each state and stacks their rows."""
+        models = [builder.build_model(s.carried, wrist_pos=s.wrist_pos, timestep_s=timestep_s) for s in states]
+
+        def rows(values: Sequence[np.ndarray]) -> Tensor:
+            return torch.tensor(np.stack(values), dtype=torch.float32, device=device)
+
+        covers = [object_cover(s.carried.shape, s.carried.half_extents_m) for s in states]
+        return cls(
+            states=tuple(states), models=tuple(models),
+            qpos=torch.tensor(np.stack([s.qpos() for s in states]), dtype=torch.float64, device=device),
+            target=rows([s.joint_target for s in states]),
+            cover_centre=rows([c for c, _ in covers]), cover_radius=rows([r for _, r in covers]),
+            grasp=Grasp(
+                joint_pos=rows([s.joint_pos for s in states]),
+                half_extents=rows([s.carried.half_extents_m for s in states]),
+                mass=rows([np.array([s.carried.mass_kg]) for s in states]),
+                keypoints_O=rows([s.carried.keypoints() for s in states]),
+                world_aligned=torch.tensor([s.carried.keypoints_world_aligned for s in states], device=device),
+                p_OH=rows([_hands(s, m) for s, m in zip(states, models, strict=True)]),
+                height_P=rows([np.array(s.object_pos_W[2] - s.root_pos_W[2]) for s in states]),
+            ),
+        )  # fmt: skip
+
+
+def _hands(state: CarryState, model: mujoco.MjModel) -> np.ndarray:
+    data = mujoco.MjData(model)
+    data.qpos[:] = state.qpos()
+    mujoco.mj_kinematics(model, data)
+    hands = np.stack([data.site("left_hand").xpos, data.site("right_hand").xpos])
+    return hands - state.object_pos_W
+
+
+def pick(grasp: Grasp, ids: Tensor) -> Grasp:
+    """Rows `ids` of a grasp table."""
+    return Grasp(**{name: value[ids] for name, value in vars(grasp).items()})

@@ -1,0 +1,282 @@
+"""The transport task: N robots carry N objects through scenes, one control step at a time.
+
+Layers, from the outside in: `TransportEnv` orders a step; rewards, observations and terminations are tables; `Snapshot` is
+what they read; `Physics` is what moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from hotice.errors import InvalidConfig
+from hotice.fields.bank import FieldBank
+from hotice.model.objects import CarriedObject
+from hotice.model.scene import Scene
+from hotice.sim import cover
+from hotice.sim.carry_bank import CarryBank, pick
+from hotice.sim.commands import heading_error, navigation_command
+from hotice.sim.config import TaskConfig, get_preset
+from hotice.sim.events import Starter, push
+from hotice.sim.observations import POLICY, PRIVILEGED, ObservationTable
+from hotice.sim.physics import make_physics
+from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
+from hotice.sim.snapshot import NUM_SGF, STEERED, Layout, Memory, Snapshot, read_motion
+from hotice.sim.terminations import OUTCOMES, TERMINATIONS
+
+TOUCH_HEIGHT_M = 0.012
+CLEAR_M = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """Result of a control step of N environments; those that ended have been started anew.
+
+    policy (N, O), critic (N, C): observations, after the restart where one happened.
+    final_critic (N, C): the same before any restart. reward (N, A): one stream an agent.
+    terminated, truncated (N,): failure or success, and time out. outcome (N,): index into `OUTCOMES`, 0 while running.
+    goal_distance (N,): root to goal [m] before any restart. scene, model (N,): ids of the episode that made this step.
+    """
+
+    policy: Tensor
+    critic: Tensor
+    final_critic: Tensor
+    reward: Tensor
+    terms: Tensor
+    terminated: Tensor
+    truncated: Tensor
+    outcome: Tensor
+    goal_distance: Tensor
+    reached: Tensor
+    scene: Tensor
+    model: Tensor
+    length: Tensor
+
+
+class TransportEnv:
+    """Batched transport task.
+
+    Args:
+        num_envs: N.
+        scenes: scenes to carry through, or a `FieldBank` built from them.
+        objects: carried objects, one an environment in turn; default: drawn from `config.objects`.
+        preset: row of Table I: dual_hodpf, dual_sgf, single_hodpf, single_sgf.
+        device: of the tensors; the CPU backend needs "cpu".
+        physics: backend, "mujoco".
+        seed: of every random draw.
+        config: numbers of the task.
+        threads: of the physics (0: all cores).
+
+    Raises:
+        HoticeError: unknown preset or backend, no scenes, objects that cannot be held.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        scenes: Sequence[Scene] | FieldBank,
+        objects: Sequence[CarriedObject] | CarriedObject | CarryBank | None = None,
+        preset: str = "dual_hodpf",
+        device: torch.device | str = "cpu",
+        physics: str = "mujoco",
+        seed: int = 0,
+        *,
+        config: TaskConfig | None = None,
+        threads: int = 0,
+    ) -> None:
+        if num_envs < 1:
+            raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
+        self.config = config or TaskConfig()
+        self.preset = get_preset(preset)
+        self.agents = self.preset.agents
+        self.num_envs = num_envs
+        self.device = torch.device(device)
+        self.generator = torch.Generator(self.device).manual_seed(seed)
+        cfg = self.config
+        if isinstance(scenes, FieldBank):
+            self.bank = scenes.to(self.device)
+        else:
+            self.bank = FieldBank.build(scenes, cfg.resolution_m, cfg.margin_m).to(self.device)
+        if isinstance(objects, CarryBank):
+            self.carry = objects
+        elif objects is None:
+            self.carry = CarryBank.sample(cfg.objects, min(cfg.carry_states, num_envs), seed, cfg.physics_dt_s, self.device)
+        else:
+            given = list(objects) if isinstance(objects, Sequence) else [objects]
+            self.carry = CarryBank.of_objects(given, cfg.physics_dt_s, self.device)
+        self.physics = make_physics(physics, self.carry.models, num_envs, self.device, threads)
+        self.layout = Layout(self.carry.models[0], self.device)
+        self.cover = cover.to_tensors(cover.robot_cover(self.carry.models[0]), self.device)
+        self.starter = Starter(cfg, self.bank, self.carry, self.layout, self.device)
+        self.rewards = RewardTable(REWARDS, self.agents, cfg.control_dt_s)
+        self.policy_table = ObservationTable(POLICY)
+        self.critic_table = ObservationTable(POLICY + PRIVILEGED)
+        self.memory = Memory.zeros(num_envs, self.device)
+        scale = torch.full((20,), cfg.leg_scale_rad, device=self.device)
+        scale[12:] = cfg.arm_scale_rad
+        self.action_scale = scale
+        self.unstable = 0
+        self.memory.model[:] = torch.arange(num_envs, device=self.device) % len(self.carry.states)
+        self.has_obstacles = any(s.obstacles for s in self.bank.scenes)
+
+    @property
+    def num_actions(self) -> int:
+        """20."""
+        return 20
+
+    def reset(self) -> tuple[Tensor, Tensor]:
+        """Starts every episode; returns policy (N, O) and critic (N, C) observations."""
+        everyone = torch.arange(self.num_envs, device=self.device)
+        self._start(everyone)
+        s = self.snapshot()
+        self.rewards.check(s)
+        return self.policy_table(s), self.critic_table(s)
+
+    def state(self) -> dict[str, Tensor]:
+        """Copies of everything that later steps depend on: physics, memory, random state, scene weights."""
+        rows = {f"physics.{k}": v for k, v in self.physics.state().items()}
+        rows |= {f"memory.{k}": v.clone() for k, v in vars(self.memory).items()}
+        rows["generator"] = self.generator.get_state()
+        rows["scene_weight"] = self.starter.scene_weight.clone()
+        rows["unstable"] = torch.tensor(self.unstable)
+        return rows
+
+    def load_state(self, state: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """Restores `state()` of an equal environment and returns its observations; it then goes on bit for bit."""
+        for name in vars(self.memory):
+            getattr(self.memory, name).copy_(state[f"memory.{name}"])
+        everyone = torch.arange(self.num_envs, device=self.device)
+        self.physics.set_models(everyone, self.memory.model)
+        self.physics.load_state({k.removeprefix("physics."): v for k, v in state.items() if k.startswith("physics.")})
+        self.generator.set_state(state["generator"].cpu())
+        self.starter.scene_weight.copy_(state["scene_weight"])
+        self.unstable = int(state["unstable"])
+        s = self.snapshot()
+        return self.policy_table(s), self.critic_table(s)
+
+    def step(self, action: Tensor) -> Step:
+        """One control step (20 ms) with actions (N, 20)."""
+        self._act(action)
+        self.physics.step(self.config.substeps)
+        unstable = self._contain()
+        push(self.physics, self.config, self.generator)
+        s = self.snapshot()
+        outcome = self._outcome(s, unstable)
+        truncated = outcome == OUTCOMES.index("timeout")
+        success = outcome == OUTCOMES.index("success")
+        terminated = (outcome > 0) & ~truncated
+        reward, terms = self.rewards(s)
+        reward = reward + TERMINATION_PENALTY * (terminated & ~success)[:, None]
+        reward = torch.where(unstable[:, None], torch.full_like(reward, TERMINATION_PENALTY), reward)
+        terms = torch.where(unstable[:, None], torch.zeros_like(terms), terms)
+        policy, critic = self.policy_table(s), self.critic_table(s)
+        final_critic = critic
+        scene, model, length = self.memory.scene.clone(), self.memory.model.clone(), self.memory.step.clone()
+        done = torch.nonzero(outcome > 0).squeeze(1)
+        if len(done):
+            final_critic = critic.clone()
+            self._start(done)
+            fresh = self.snapshot(done)
+            policy[done], critic[done] = self.policy_table(fresh), self.critic_table(fresh)
+        return Step(
+            policy=policy, critic=critic, final_critic=final_critic, reward=reward, terms=terms,
+            terminated=terminated, truncated=truncated, outcome=outcome, goal_distance=s.goal_distance,
+            reached=s.goal_distance < self.config.goal_radius_m, scene=scene, model=model, length=length,
+        )  # fmt: skip
+
+    def _act(self, action: Tensor) -> None:
+        """Actions become servo targets around the carry state; the clock advances."""
+        m = self.memory
+        limit = self.config.action_limit
+        m.last_action = m.action
+        m.action = torch.nan_to_num(action.detach().to(self.device, torch.float32), nan=0.0).clamp(-limit, limit)
+        target = self.carry.target[m.model] + self.action_scale * m.action
+        self.physics.ctrl[:] = target.to(self.physics.ctrl.dtype)
+        m.phase = (m.phase + 2 * torch.pi * self.config.gait_hz * self.config.control_dt_s) % (2 * torch.pi)
+        m.step = m.step + 1
+
+    def _contain(self) -> Tensor:
+        """Finds diverged simulations, (N,) bool, and puts a finite state in their place until they are restarted."""
+        p = self.physics
+        bad = ~(torch.isfinite(p.qpos).all(dim=1) & torch.isfinite(p.qvel).all(dim=1))
+        bad |= (p.qvel.abs() > 1e3).any(dim=1) | (p.qpos[:, :3].abs() > 1e3).any(dim=1)
+        if bad.any():
+            ids = torch.nonzero(bad).squeeze(1)
+            self.unstable += len(ids)
+            p.qpos[ids] = self.carry.qpos[self.memory.model[ids]].to(p.qpos.dtype)
+            p.qvel[ids] = 0.0
+            p.forward(ids)
+        return bad
+
+    def _outcome(self, s: Snapshot, unstable: Tensor) -> Tensor:
+        """Index into `OUTCOMES` of each episode, 0 where it goes on; earlier rows win."""
+        outcome = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
+        timeout = self.memory.step >= self.config.max_steps
+        outcome[timeout] = OUTCOMES.index("timeout")
+        if self.config.end_at_goal:
+            outcome[s.goal_distance < self.config.goal_radius_m] = OUTCOMES.index("success")
+        for row in reversed(TERMINATIONS):
+            if self.config.collisions or not row.collision:
+                outcome[row.condition(s)] = OUTCOMES.index(row.name)
+        outcome[unstable] = OUTCOMES.index("unstable")
+        return outcome
+
+    def _start(self, ids: Tensor) -> None:
+        m, n = self.memory, len(ids)
+        m.scene[ids] = self.starter.draw_scenes(n, self.generator)
+        self.starter.write(self.physics, ids, m.scene[ids], m.model[ids], self.generator)
+        m.action = m.action.clone()
+        m.last_action = m.last_action.clone()
+        m.action[ids] = 0.0
+        m.last_action[ids] = 0.0
+        side = torch.rand(n, generator=self.generator, device=self.device) < 0.5
+        m.phase[ids] = torch.where(side, 0.0, torch.pi)
+        m.step[ids] = 0
+
+    def snapshot(self, ids: Tensor | None = None) -> Snapshot:
+        """Reads environments `ids` (default all) from the simulator and adds fields and commands."""
+        m, cfg = self.memory, self.config
+        rows = slice(None) if ids is None else ids
+        scene, model = m.scene[rows], m.model[rows]
+        grasp = pick(self.carry.grasp, model)
+        motion = read_motion(self.physics, self.layout, grasp, ids)
+        sgf = self.bank.sample("sgf", scene, motion.p_WK[:, :NUM_SGF])
+        carried = torch.cat([motion.p_WK[:, NUM_SGF : NUM_SGF + 2], motion.p_WOK], dim=1)
+        ogf = self.bank.sample(self.preset.object_field, scene, carried)
+        offset_W = self.bank.goal_W[scene, :2] - motion.p_WP[:, :2]
+        c_W, speed = navigation_command(sgf.force_W[:, STEERED], offset_W, cfg.speed_m_s, cfg.stop_gain_hz)
+        cos, sin = torch.cos(motion.yaw), torch.sin(motion.yaw)
+        goal_Y = torch.stack([cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1)
+        robot_gap, object_gap = self._clearances(motion, scene, model)
+        ends = motion.p_WK[:, NUM_SGF + 2 :, 2]
+        touch = torch.minimum(ends[:, :2], ends[:, 2:]) < TOUCH_HEIGHT_M
+        wave = torch.sin(torch.stack([m.phase[rows], m.phase[rows] + torch.pi], dim=1))
+        values = {k: v for k, v in vars(motion).items() if k not in ("xpos", "xmat")}
+        return Snapshot(
+            **values, sgf=sgf, ogf=ogf, c_W=c_W, speed=speed,
+            heading_error=heading_error(c_W, speed, motion.yaw, cfg.speed_m_s), goal_Y=goal_Y,
+            goal_distance=offset_W.norm(dim=-1), clearance=robot_gap, object_clearance=object_gap, touch=touch,
+            swing=cfg.swing_height_m * torch.clamp(wave, min=0.0), stance=wave < 0.2, action=m.action[rows],
+            last_action=m.last_action[rows], phase=m.phase[rows],
+            time_left=1.0 - m.step[rows].float() / cfg.max_steps, grasp=grasp,
+        )  # fmt: skip
+
+    def _clearances(self, motion, scene: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
+        """Smallest gap between cover spheres and obstacles, robot and object, (N,) each."""
+        if not self.has_obstacles:
+            far = torch.full_like(motion.yaw, CLEAR_M)
+            return far, far.clone()
+        body, centre, radius = self.cover
+        p_robot = motion.xpos[:, body] + (motion.xmat[:, body] @ centre[:, :, None]).squeeze(-1)
+        p_object = motion.p_WO[:, None] + self.carry.cover_centre[model] @ motion.R_WO.transpose(1, 2)
+        sdf = self.bank.signed_distance(scene, torch.cat([p_robot, p_object], dim=1))
+        count = len(radius)
+        return (
+            cover.lowest_clearance(sdf[:, :count], radius),
+            cover.lowest_clearance(sdf[:, count:], self.carry.cover_radius[model]),
+        )
+
+

@@ -1,0 +1,90 @@
+"""Physics on the CPU: `mujoco.batch`, threaded, with live torch views of its rows."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import mujoco
+import mujoco.batch
+import numpy as np
+import torch
+from torch import Tensor
+
+from hotice.errors import InvalidConfig
+
+_NEVER_EXPANDED = frozenset({"names", "paths", "text_data", "key_qpos", "key_qvel", "key_ctrl", "qpos_spring"})
+
+
+def _view(array: np.ndarray) -> Tensor:
+    """A torch tensor on the same memory, also of arrays that only the simulator may write."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return torch.from_numpy(array)
+
+
+class MujocoBatch:
+    """`Physics` on `mujoco.batch.Batch`; see there for the attributes. Tensors are float64 on the CPU."""
+
+    def __init__(self, models: Sequence[mujoco.MjModel], num_envs: int, threads: int = 0) -> None:
+        if num_envs < 1:
+            raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
+        self.num_envs = num_envs
+        self.device = torch.device("cpu")
+        self.models = list(models)
+        self.batch = mujoco.batch.Batch(self.models[0], num_envs, nthread=threads, persistent=True)
+        self.qpos, self.qvel, self.ctrl = (_view(self.batch.bind(n)) for n in ("qpos", "qvel", "ctrl"))
+        self._warmstart = _view(self.batch.bind("qacc_warmstart"))
+        self._time = _view(self.batch.bind("time"))
+        nbody = self.models[0].nbody
+        self.xpos = _view(self.batch.bind("xpos")).view(num_envs, nbody, 3)
+        self.xmat = _view(self.batch.bind("xmat")).view(num_envs, nbody, 3, 3)
+        self.cvel = _view(self.batch.bind("cvel")).view(num_envs, nbody, 6)
+        self.com = _view(self.batch.bind("subtree_com")).view(num_envs, nbody, 3)
+        self.actuator_force = _view(self.batch.bind("actuator_force"))
+        self._rows = {name: np.stack([getattr(m, name) for m in self.models]) for name in differing_fields(self.models)}
+        self._fields = {name: self.batch.expand(name) for name in self._rows}
+        self.set_models(torch.arange(num_envs), torch.arange(num_envs) % len(self.models))
+
+    def set_models(self, ids: Tensor, model_ids: Tensor) -> None:
+        """Writes every parameter in which the models differ."""
+        rows, which = ids.numpy(), model_ids.numpy()
+        for name, values in self._rows.items():
+            self._fields[name][rows] = values[which].reshape(len(rows), *self._fields[name].shape[1:])
+
+    def step(self, substeps: int) -> None:
+        try:
+            self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+        except mujoco.batch.SimulationError as error:  # those rows keep their state: mark them, the task ends them
+            self.qvel[torch.as_tensor(np.asarray(error.ids), dtype=torch.int64)] = torch.nan
+
+    def state(self) -> dict[str, Tensor]:
+        rows = {"qpos": self.qpos, "qvel": self.qvel, "ctrl": self.ctrl, "warmstart": self._warmstart, "time": self._time}
+        return {name: value.clone() for name, value in rows.items()}
+
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self.qpos[:], self.qvel[:], self.ctrl[:] = state["qpos"], state["qvel"], state["ctrl"]
+        self._warmstart[:], self._time[:] = state["warmstart"], state["time"]
+        self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
+
+    def forward(self, ids: Tensor) -> None:
+        self._warmstart[ids] = 0.0
+        self.batch.forward(ids=ids.to(torch.int32).numpy(), stage=mujoco.mjtStage.mjSTAGE_VEL)
+
+
+def differing_fields(models: Sequence[mujoco.MjModel]) -> list[str]:
+    """Names of the model fields that are not the same in every model. Raises `InvalidConfig` for another layout."""
+    first = models[0]
+    names = []
+    for name in sorted(mujoco.batch.MODEL_FIELDS):
+        if name.startswith("opt.") or name in _NEVER_EXPANDED:
+            continue
+        values = [np.asarray(getattr(m, name)) for m in models]
+        if any(v.shape != values[0].shape for v in values):
+            raise InvalidConfig(f"models differ in the shape of {name}: one layout is needed in a batch")
+        if any(not np.array_equal(v, values[0]) for v in values[1:]):
+            names.append(name)
+    if any((m.nq, m.nv, m.nu) != (first.nq, first.nv, first.nu) for m in models):
+        raise InvalidConfig("models differ in their joints: one layout is needed in a batch")
+    return names

@@ -1,0 +1,72 @@
+"""What every physics backend offers: batched states as torch tensors, zero-copy, and a step.
+
+Everything above this protocol is torch and does not know which simulator runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import mujoco
+import torch
+from torch import Tensor
+
+from hotice.errors import UnknownName
+
+BACKENDS = ("mujoco",)
+
+
+class Physics(Protocol):
+    """N simulations of models that share one layout (same bodies and joints) and differ in parameters.
+
+    Tensors are live views of the simulator: state tensors may be written, then `forward(ids)` brings the derived ones up
+    to date. World frame, SI units, quaternions wxyz.
+
+    Attributes:
+        qpos (N, nq), qvel (N, nv), ctrl (N, nu): state and servo targets, writable.
+        xpos (N, B, 3), xmat (N, B, 3, 3): body frames. cvel (N, B, 6): spatial velocity (angular, linear) at `com`.
+        com (N, B, 3): centre of mass of the subtree below each body. actuator_force (N, nu) [N m].
+    """
+
+    num_envs: int
+    device: torch.device
+    qpos: Tensor
+    qvel: Tensor
+    ctrl: Tensor
+    xpos: Tensor
+    xmat: Tensor
+    cvel: Tensor
+    com: Tensor
+    actuator_force: Tensor
+
+    def step(self, substeps: int) -> None:
+        """Advances all simulations; derived tensors then describe the new state."""
+        ...
+
+    def forward(self, ids: Tensor) -> None:
+        """Derived tensors of simulations `ids` (n,) from their state; clears their solver warm start."""
+        ...
+
+    def state(self) -> dict[str, Tensor]:
+        """Copies of everything that the next step depends on, beside the models."""
+        ...
+
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        """Restores `state()`; the next steps are then the same bit for bit."""
+        ...
+
+    def set_models(self, ids: Tensor, model_ids: Tensor) -> None:
+        """Gives simulations `ids` (n,) the parameters of the models `model_ids` (n,)."""
+        ...
+
+
+def make_physics(
+    backend: str, models: Sequence[mujoco.MjModel], num_envs: int, device: torch.device | str, threads: int = 0
+) -> Physics:
+    """The named backend. Raises `UnknownName`."""
+    if backend == "mujoco":
+        from hotice.sim.mujoco_batch import MujocoBatch
+
+        return MujocoBatch(models, num_envs, threads)
+    raise UnknownName("physics backend", backend, BACKENDS)

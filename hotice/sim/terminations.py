@@ -1,0 +1,51 @@
+"""What ends an episode: a table of pure functions of a `Snapshot`, each (N,) bool. The first that holds is the outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from hotice.sim.snapshot import Snapshot
+
+OUTCOMES = ("running", "success", "fall", "drop", "robot_collision", "object_collision", "timeout", "unstable")
+"""Outcome codes by position."""
+
+
+@dataclass(frozen=True)
+class Termination:
+    """A condition; `collision`: only where `TaskConfig.collisions` is on."""
+
+    name: str
+    condition: Callable[[Snapshot], Tensor]
+    collision: bool = False
+
+
+def fall(s: Snapshot) -> Tensor:
+    """Pelvis below 0.35 m or leaning by more than 60 degrees."""
+    return (s.p_WP[:, 2] < 0.35) | (s.gravity_P[:, 2] > -0.5)
+
+
+def drop(s: Snapshot) -> Tensor:
+    """Object 15 cm from where the hands hold it, or its centre below 0.25 m."""
+    between = s.p_WK[:, 9:11].mean(dim=1)
+    return ((s.p_WO - between).norm(dim=-1) > 0.15) | (s.p_WO[:, 2] < 0.25)
+
+
+def robot_collision(s: Snapshot) -> Tensor:
+    """The sphere cover of the robot reaches into an obstacle."""
+    return s.clearance < 0.0
+
+
+def object_collision(s: Snapshot) -> Tensor:
+    """The sphere cover of the object reaches into an obstacle."""
+    return s.object_clearance < 0.0
+
+
+TERMINATIONS: tuple[Termination, ...] = (
+    Termination("fall", fall),
+    Termination("drop", drop),
+    Termination("robot_collision", robot_collision, collision=True),
+    Termination("object_collision", object_collision, collision=True),
+)

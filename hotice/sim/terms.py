@@ -1,0 +1,191 @@
+"""Reward terms: pure functions of a `Snapshot`, each (N,). Weights and receivers are in `hotice.sim.rewards`."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from hotice.fields.alignment import cosine, residual_cosine
+from hotice.model import g1
+from hotice.sim.snapshot import FEET, HEAD, PELVIS, Snapshot
+
+SPEED_EPS = 0.1
+"""[m/s] softens the cosines: the direction of a body at rest scores nothing."""
+ETA = 0.6
+_STEM = [g1.stem(j) for j in g1.ACTION_JOINTS]
+_STANCE_JOINTS = [i for i, s in enumerate(_STEM) if s in ("hip_roll", "hip_yaw")]
+_ANKLE_ROLL = [i for i, s in enumerate(_STEM) if s == "ankle_roll"]
+
+
+def _moving(s: Snapshot) -> Tensor:
+    """1 while a walking speed is commanded, fading to 0 as the robot is to stand."""
+    return torch.clamp(s.speed / 0.2, 0.0, 1.0)
+
+
+# shared: potential fields and lifting -----------------------------------------------------------------------------------
+
+
+def sgf_head(s: Snapshot) -> Tensor:
+    """Cosine between SGF and velocity of the head."""
+    return cosine(s.sgf.force_W[:, HEAD], s.v_WK[:, HEAD], SPEED_EPS) * _moving(s)
+
+
+def sgf_pelvis(s: Snapshot) -> Tensor:
+    """Cosine between SGF and velocity of the pelvis."""
+    return cosine(s.sgf.force_W[:, PELVIS], s.v_WK[:, PELVIS], SPEED_EPS) * _moving(s)
+
+
+def sgf_feet(s: Snapshot) -> Tensor:
+    """Cosine between SGF and velocity of the feet, mean of both."""
+    return cosine(s.sgf.force_W[:, FEET], s.v_WK[:, FEET], SPEED_EPS).mean(dim=1) * _moving(s)
+
+
+def ogf_hands(s: Snapshot) -> Tensor:
+    """Cosine between [F_object − c] and [v − c] at the hands, mean of both."""
+    return residual_cosine(s.ogf.force_W[:, :2], s.v_WK[:, 9:11], s.c_W, SPEED_EPS).mean(dim=1) * _moving(s)
+
+
+def ogf_object(s: Snapshot) -> Tensor:
+    """Cosine between [F_object − c] and [v − c] at the eight object keypoints, mean."""
+    return residual_cosine(s.ogf.force_W[:, 2:], s.v_WOK, s.c_W, SPEED_EPS).mean(dim=1) * _moving(s)
+
+
+def object_lift(s: Snapshot) -> Tensor:
+    """The object stays at its height over the pelvis."""
+    return torch.exp(-((s.p_WO[:, 2] - s.p_WP[:, 2] - s.grasp.height_P) / 0.10).square())
+
+
+def clearance(s: Snapshot) -> Tensor:
+    """How far robot and object intrude into the last 5 cm before an obstacle, 0 to 2."""
+    return sum(torch.clamp(1.0 - d / 0.05, 0.0, 1.0) for d in (s.clearance, s.object_clearance))  # type: ignore[return-value]
+
+
+# lower body: locomotion and balance -------------------------------------------------------------------------------------
+
+
+def progress(s: Snapshot) -> Tensor:
+    """Root velocity along the command, at most the commanded speed, over eta: linear, so that slow never beats fast."""
+    along = (s.v_WP[:, :2] * torch.nn.functional.normalize(s.c_W[:, :2], dim=-1)).sum(dim=-1)
+    return torch.minimum(along, s.speed) / ETA
+
+
+def velocity_tracking(s: Snapshot) -> Tensor:
+    """exp(−4 |c − v|²) of the horizontal root velocity."""
+    return torch.exp(-4.0 * (s.c_W[:, :2] - s.v_WP[:, :2]).square().sum(dim=-1))
+
+
+def heading(s: Snapshot) -> Tensor:
+    """Facing where the command points."""
+    return torch.exp(-4.0 * s.heading_error.square())
+
+
+def yaw_rate(s: Snapshot) -> Tensor:
+    """Squared error of the yaw rate against twice the heading error."""
+    return (s.w_WP_P[:, 2] - 2.0 * s.heading_error).square().clamp_max(4.0)
+
+
+def upright(s: Snapshot) -> Tensor:
+    """Squared horizontal part of gravity in the pelvis frame: sin² of the lean."""
+    return s.gravity_P[:, :2].square().sum(dim=-1)
+
+
+def root_height(s: Snapshot) -> Tensor:
+    """Squared deviation of the pelvis from 0.74 m."""
+    return (s.p_WP[:, 2] - 0.74).square()
+
+
+def root_bounce(s: Snapshot) -> Tensor:
+    """Squared vertical velocity of the pelvis."""
+    return s.v_WP[:, 2].square().clamp_max(4.0)
+
+
+def root_rocking(s: Snapshot) -> Tensor:
+    """Squared roll and pitch rates of the pelvis."""
+    return s.w_WP_P[:, :2].square().sum(dim=-1).clamp_max(10.0)
+
+
+def gait_schedule(s: Snapshot) -> Tensor:
+    """Feet touch the floor when the step clock says so: share of feet in agreement."""
+    stance = torch.where(_moving(s)[:, None] > 0.5, s.stance, torch.ones_like(s.stance))
+    swing = torch.where(_moving(s)[:, None] > 0.5, s.swing > 0, torch.zeros_like(s.stance))
+    return (stance & s.touch | swing & ~s.touch | ~stance & ~swing).float().mean(dim=1)
+
+
+def swing_height(s: Snapshot) -> Tensor:
+    """Squared error of the lower of toe and heel against the clock's height, of the swinging foot."""
+    lowest = torch.minimum(s.p_WK[:, 11:13, 2], s.p_WK[:, 13:15, 2])
+    error = (torch.clamp(s.swing - lowest, min=0.0) / 0.10).square()
+    return (error * (s.swing > 0)).sum(dim=1) * _moving(s)
+
+
+def foot_slip(s: Snapshot) -> Tensor:
+    """Squared horizontal velocity of feet on the floor."""
+    return (s.v_WK[:, FEET, :2].square().sum(dim=-1) * s.touch).sum(dim=1).clamp_max(4.0)
+
+
+def foot_spread(s: Snapshot) -> Tensor:
+    """How much closer than 18 cm (or wider than 34 cm) the feet are, sideways [dm]²."""
+    across = s.to_yaw_frame(s.p_WK[:, FEET[0]] - s.p_WK[:, FEET[1]])[:, 1]
+    return ((torch.clamp(0.18 - across, min=0.0) + torch.clamp(across - 0.34, min=0.0)) * 10.0).square().clamp_max(4.0)
+
+
+def hip_posture(s: Snapshot) -> Tensor:
+    """Squared deviation of hip roll and yaw from the carry state."""
+    return (s.q - s.grasp.joint_pos)[:, _STANCE_JOINTS].square().sum(dim=1)
+
+
+def stand_still(s: Snapshot) -> Tensor:
+    """Squared deviation of all legs from the carry state while standing is commanded."""
+    return (s.q - s.grasp.joint_pos)[:, g1.LOWER].square().sum(dim=1) * (1.0 - _moving(s))
+
+
+def leg_smoothness(s: Snapshot) -> Tensor:
+    """Squared change of the leg actions."""
+    return (s.action - s.last_action)[:, g1.LOWER].square().sum(dim=1)
+
+
+def leg_torque(s: Snapshot) -> Tensor:
+    """Squared leg torques [(100 N m)²]."""
+    return (s.torque[:, g1.LOWER] / 100.0).square().sum(dim=1)
+
+
+# upper body: reaching and grasp -----------------------------------------------------------------------------------------
+
+
+def hand_reach(s: Snapshot) -> Tensor:
+    """Hands stay on their places on the object (distance over 3 cm)."""
+    return torch.exp(-_hand_error(s).square().sum(dim=-1) / 0.03**2).mean(dim=1)
+
+
+def grasp_slip(s: Snapshot) -> Tensor:
+    """Squared velocity of the object relative to the mean of the hands."""
+    return (s.v_WO - s.v_WK[:, 9:11].mean(dim=1)).square().sum(dim=-1).clamp_max(4.0)
+
+
+def object_upright(s: Snapshot) -> Tensor:
+    """1 − cos of the object's tilt."""
+    return 1.0 - s.R_WO[:, 2, 2]
+
+
+def object_steady(s: Snapshot) -> Tensor:
+    """Squared angular velocity of the object."""
+    return s.w_WO.square().sum(dim=-1).clamp_max(20.0)
+
+
+def arm_smoothness(s: Snapshot) -> Tensor:
+    """Squared change of the arm actions."""
+    return (s.action - s.last_action)[:, g1.UPPER].square().sum(dim=1)
+
+
+def arm_posture(s: Snapshot) -> Tensor:
+    """Squared arm actions: the carry targets hold the load already."""
+    return s.action[:, g1.UPPER].square().sum(dim=1)
+
+
+def _hand_error(s: Snapshot) -> Tensor:
+    """Displacement of the hands on the object, (N, 2, 3) [m]; of a sphere only the distance from the centre counts."""
+    p_OH = (s.p_WK[:, 9:11] - s.p_WO[:, None]) @ s.R_WO
+    error = p_OH - s.grasp.p_OH
+    radial = p_OH.norm(dim=-1, keepdim=True) - s.grasp.p_OH.norm(dim=-1, keepdim=True)
+    sphere = torch.cat([radial, torch.zeros_like(error[..., :2])], dim=-1)
+    return torch.where(s.grasp.world_aligned[:, None, None], sphere, error)
