@@ -199,6 +199,8 @@ def config_to_dict(config: Any) -> Any:
 
 def write_config(config: TrainConfig) -> None:
     """Writes `config.json` of a run, aside and renamed. Raises `OutputError`."""
-    from hotice.files import write_text
+    from hotice.files import make_folder, write_text
+
+    make_folder(config.out)
 
     write_text(config.out / "config.json", json.dumps({**config_to_dict(config), "source": source_version()}, indent=1) + "\n")

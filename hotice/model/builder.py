@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 FLOOR, OBJECT, OBSTACLE = 1, 2, 4
 OBJECT_BODY = "object"
+OBSTACLE_BODY = "obstacles"
+HIT_SENSORS = ("robot_hits", "object_hits")
 OBSTACLE_PREFIX = "obstacle/"
 MESH_SKIN_M = 0.001
 MAX_MESH_FACES = 4000
@@ -77,6 +79,9 @@ def build_model(
 ) -> mujoco.MjModel:
     """Compiles robot, floor, carried object and obstacles for MuJoCo.
 
+    With object and scene, contact sensors `robot_hits` and `object_hits` count the contacts of robot and object with
+    obstacles: exact collision scoring reads them.
+
     Args:
         carried: adds body `object` with a free joint, after the robot in qpos and qvel.
         scene: adds every obstacle as a static geom named `obstacle/<name>`.
@@ -101,8 +106,10 @@ def build_model(
         )  # fmt: skip
     if carried is not None:
         add_object(spec, carried)
-    if scene is not None:
+    if scene is not None and scene.obstacles:
         add_obstacles(spec, scene)
+        if carried is not None:
+            add_hit_sensors(spec)
     return spec.compile()
 
 
@@ -126,9 +133,10 @@ def add_object(spec: mujoco.MjSpec, carried: CarriedObject) -> None:
 def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Adds every obstacle of the scene as static geoms.
 
-    A triangle mesh becomes one thin prism (1 mm) per face, because MuJoCo would replace the mesh by its convex hull:
+    They belong to the static body `obstacles`. A triangle mesh becomes one thin prism (1 mm) per face, because MuJoCo would replace the mesh by its convex hull:
     what lies in a hollow of the mesh must not count as a collision.
     """
+    body = spec.worldbody.add_body(name=OBSTACLE_BODY)
     for obstacle in scene.obstacles:
         kind, size = obstacle.shape.mujoco_geom() if obstacle.shape.type != "mesh" else ("mesh", ())
         common = dict(
@@ -137,7 +145,7 @@ def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
         )  # fmt: skip
         name = OBSTACLE_PREFIX + obstacle.name
         if kind != "mesh":
-            spec.worldbody.add_geom(
+            body.add_geom(
                 name=name, type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"), size=[*size, 0, 0][:3], **common
             )
             continue
@@ -149,9 +157,21 @@ def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
             )
         for index, prism in enumerate(face_prisms(vertices, faces)):
             spec.add_mesh(name=f"{name}#{index}", uservert=prism.reshape(-1).tolist())
-            spec.worldbody.add_geom(
+            body.add_geom(
                 name=f"{name}#{index}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}#{index}", **common
             )
+
+
+def add_hit_sensors(spec: mujoco.MjSpec) -> None:
+    """Adds sensors that count contacts with obstacles: `robot_hits` of any link, `object_hits` of the object."""
+    for name, kind, who in zip(
+        HIT_SENSORS, (mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_BODY), (g1.ROOT_BODY, OBJECT_BODY), strict=True
+    ):
+        sensor = spec.add_sensor(
+            name=name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=kind, objname=who,
+            reftype=mujoco.mjtObj.mjOBJ_BODY, refname=OBSTACLE_BODY,
+        )  # fmt: skip
+        sensor.intprm[:3] = [1 << mujoco.mjtConDataField.mjCONDATA_FOUND, 0, 1]
 
 
 def face_prisms(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

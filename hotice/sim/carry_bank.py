@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,6 +16,7 @@ from hotice.model import builder
 from hotice.model.carry import CarryState, solve_carry
 from hotice.model.object_range import ObjectRange
 from hotice.model.objects import CarriedObject
+from hotice.model.scene import Scene
 from hotice.sim.cover import object_cover
 from hotice.sim.snapshot import Grasp
 
@@ -32,8 +34,13 @@ class CarryBank:
     grasp: Grasp
 
     @classmethod
-    def sample(cls, objects: ObjectRange, count: int, seed: int, timestep_s: float, device: torch.device) -> CarryBank:
-        """`count` random objects that can be held. Raises `CarryInfeasible` when most of the range cannot be."""
+    def sample(
+        cls, objects: ObjectRange, count: int, seed: int, timestep_s: float, device: torch.device, **build: Any
+    ) -> CarryBank:
+        """`count` random objects that can be held; `build`: see `of`.
+
+        Raises `CarryInfeasible` when most of the range cannot be held.
+        """
         rng = np.random.default_rng(seed)
         states: list[CarryState] = []
         reasons: list[str] = []
@@ -44,17 +51,31 @@ class CarryBank:
                 reasons.append(str(error))
                 if len(reasons) > 2 * count + 4:
                     raise CarryInfeasible(f"{len(reasons)} of {len(reasons) + len(states)} objects: {error}") from None
-        return cls.of(states, timestep_s, device)
+        return cls.of(states, timestep_s, device, **build)
 
     @classmethod
-    def of_objects(cls, objects: Sequence[CarriedObject], timestep_s: float, device: torch.device) -> CarryBank:
+    def of_objects(
+        cls, objects: Sequence[CarriedObject], timestep_s: float, device: torch.device, **build: Any
+    ) -> CarryBank:
         """Carry states of the given objects, in order. Raises `CarryInfeasible`."""
-        return cls.of([solve_carry(o) for o in objects], timestep_s, device)
+        return cls.of([solve_carry(o) for o in objects], timestep_s, device, **build)
 
     @classmethod
-    def of(cls, states: Sequence[CarryState], timestep_s: float, device: torch.device) -> CarryBank:
-        """Compiles the model of each state and stacks their rows."""
-        models = [builder.build_model(s.carried, wrist_pos=s.wrist_pos, timestep_s=timestep_s) for s in states]
+    def of(
+        cls, states: Sequence[CarryState], timestep_s: float, device: torch.device, *, scene: Scene | None = None,
+        elliptic: bool = False,
+    ) -> CarryBank:  # fmt: skip
+        """Compiles the model of each state and stacks their rows.
+
+        Args:
+            states: carry states. timestep_s: physics step. device: of the tensors.
+            scene: its obstacles become part of every model (evaluation with exact geometry).
+            elliptic: friction cones of evaluation, see `build_model`.
+        """
+        models = [
+            builder.build_model(s.carried, scene, wrist_pos=s.wrist_pos, timestep_s=timestep_s, elliptic=elliptic)
+            for s in states
+        ]
 
         def rows(values: Sequence[np.ndarray]) -> Tensor:
             return torch.tensor(np.stack(values), dtype=torch.float32, device=device)

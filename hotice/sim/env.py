@@ -21,6 +21,7 @@ from hotice.sim.carry_bank import CarryBank, pick
 from hotice.sim.commands import heading_error, navigation_command
 from hotice.sim.config import TaskConfig, get_preset
 from hotice.sim.events import Starter, push
+from hotice.sim.memory import check_memory
 from hotice.sim.observations import POLICY, PRIVILEGED, ObservationTable
 from hotice.sim.physics import make_physics
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
@@ -89,6 +90,7 @@ class TransportEnv:
     ) -> None:
         if num_envs < 1:
             raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
+        check_memory(num_envs)
         self.config = config or TaskConfig()
         self.preset = get_preset(preset)
         self.agents = self.preset.agents
@@ -251,6 +253,10 @@ class TransportEnv:
         cos, sin = torch.cos(motion.yaw), torch.sin(motion.yaw)
         goal_Y = torch.stack([cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1)
         robot_gap, object_gap = self._clearances(motion, scene, model)
+        if self.physics.hits is None:
+            robot_hit, object_hit = robot_gap < 0.0, object_gap < 0.0
+        else:
+            robot_hit, object_hit = self.physics.hits[rows].unbind(1)
         ends = motion.p_WK[:, NUM_SGF + 2 :, 2]
         touch = torch.minimum(ends[:, :2], ends[:, 2:]) < TOUCH_HEIGHT_M
         wave = torch.sin(torch.stack([m.phase[rows], m.phase[rows] + torch.pi], dim=1))
@@ -258,7 +264,8 @@ class TransportEnv:
         return Snapshot(
             **values, sgf=sgf, ogf=ogf, c_W=c_W, speed=speed,
             heading_error=heading_error(c_W, speed, motion.yaw, cfg.speed_m_s), goal_Y=goal_Y,
-            goal_distance=offset_W.norm(dim=-1), clearance=robot_gap, object_clearance=object_gap, touch=touch,
+            goal_distance=offset_W.norm(dim=-1), clearance=robot_gap, object_clearance=object_gap,
+            robot_hit=robot_hit, object_hit=object_hit, touch=touch,
             swing=cfg.swing_height_m * torch.clamp(wave, min=0.0), stance=wave < 0.2, action=m.action[rows],
             last_action=m.last_action[rows], phase=m.phase[rows],
             time_left=1.0 - m.step[rows].float() / cfg.max_steps, grasp=grasp,

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from hotice.errors import InvalidConfig
+from hotice.model.builder import HIT_SENSORS
 
 _NEVER_EXPANDED = frozenset({"names", "paths", "text_data", "key_qpos", "key_qvel", "key_ctrl", "qpos_spring"})
 
@@ -42,6 +43,9 @@ class MujocoBatch:
         self.cvel = _view(self.batch.bind("cvel")).view(num_envs, nbody, 6)
         self.com = _view(self.batch.bind("subtree_com")).view(num_envs, nbody, 3)
         self.actuator_force = _view(self.batch.bind("actuator_force"))
+        has_sensors = mujoco.mj_name2id(self.models[0], mujoco.mjtObj.mjOBJ_SENSOR, HIT_SENSORS[0]) >= 0
+        self._hit_count = _view(self.batch.bind("sensordata")) if has_sensors else None
+        self.hits = torch.zeros(num_envs, 2, dtype=torch.bool) if has_sensors else None
         self._rows = {name: np.stack([getattr(m, name) for m in self.models]) for name in differing_fields(self.models)}
         self._fields = {name: self.batch.expand(name) for name in self._rows}
         self.set_models(torch.arange(num_envs), torch.arange(num_envs) % len(self.models))
@@ -53,6 +57,15 @@ class MujocoBatch:
             self._fields[name][rows] = values[which].reshape(len(rows), *self._fields[name].shape[1:])
 
     def step(self, substeps: int) -> None:
+        if self._hit_count is None or self.hits is None:
+            self._step(substeps)
+            return
+        self.hits.zero_()
+        for _ in range(substeps):  # a contact counts in whichever substep it happens
+            self._step(1)
+            self.hits |= self._hit_count > 0
+
+    def _step(self, substeps: int) -> None:
         try:
             self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
         except mujoco.batch.SimulationError as error:  # those rows keep their state: mark them, the task ends them
@@ -71,6 +84,8 @@ class MujocoBatch:
     def forward(self, ids: Tensor) -> None:
         self._warmstart[ids] = 0.0
         self.batch.forward(ids=ids.to(torch.int32).numpy(), stage=mujoco.mjtStage.mjSTAGE_VEL)
+        if self.hits is not None:
+            self.hits[ids] = False
 
 
 def differing_fields(models: Sequence[mujoco.MjModel]) -> list[str]:

@@ -26,6 +26,8 @@ class Physics(Protocol):
     Attributes:
         qpos (N, nq), qvel (N, nv), ctrl (N, nu): state and servo targets, writable.
         xpos (N, B, 3), xmat (N, B, 3, 3): body frames. cvel (N, B, 6): spatial velocity (angular, linear) at `com`.
+        hits: (N, 2) bool, whether robot and object touched an obstacle during the last step, or None where the models hold
+            no obstacles.
         com (N, B, 3): centre of mass of the subtree below each body. actuator_force (N, nu) [N m].
     """
 
@@ -39,6 +41,7 @@ class Physics(Protocol):
     cvel: Tensor
     com: Tensor
     actuator_force: Tensor
+    hits: Tensor | None
 
     def step(self, substeps: int) -> None:
         """Advances all simulations; derived tensors then describe the new state."""

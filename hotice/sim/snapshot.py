@@ -30,7 +30,7 @@ class Memory:
     """State of the task that outlasts a step; the environment updates it in one place.
 
     action, last_action (N, 20); phase (N,) [rad] of the left leg's step clock; step (N,) control steps so far;
-    scene (N,) and model (N,) ids; heading_W (N, 2) filtered direction of travel.
+    scene (N,) and model (N,) ids.
     """
 
     action: Tensor
@@ -94,6 +94,8 @@ class Snapshot:
     `sgf` holds the Standard Guidance Field at the nine robot keypoints; `ogf` the field of hands and object at
     (left hand, right hand, eight object keypoints). `c_W` (N, 3) is the navigation command c; its horizontal part has the
     commanded speed. `touch` (N, 2): soles on the floor.
+    `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `robot_hit` and `object_hit` (N,) bool:
+    collisions, from the cover in training and from exact geometry in evaluation.
     """
 
     p_WP: Tensor
@@ -122,6 +124,8 @@ class Snapshot:
     goal_distance: Tensor
     clearance: Tensor
     object_clearance: Tensor
+    robot_hit: Tensor
+    object_hit: Tensor
     touch: Tensor
     swing: Tensor
     stance: Tensor

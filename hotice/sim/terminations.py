@@ -34,13 +34,13 @@ def drop(s: Snapshot) -> Tensor:
 
 
 def robot_collision(s: Snapshot) -> Tensor:
-    """The sphere cover of the robot reaches into an obstacle."""
-    return s.clearance < 0.0
+    """A link of the robot penetrates an obstacle."""
+    return s.robot_hit
 
 
 def object_collision(s: Snapshot) -> Tensor:
-    """The sphere cover of the object reaches into an obstacle."""
-    return s.object_clearance < 0.0
+    """The object penetrates an obstacle."""
+    return s.object_hit
 
 
 TERMINATIONS: tuple[Termination, ...] = (

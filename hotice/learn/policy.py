@@ -1,0 +1,210 @@
+"""A policy as a thing that acts: from a checkpoint, or from one ONNX file that holds normaliser and actors.
+
+The ONNX file carries its own description (preset, observation layout, task constants, what trained it) and the SHA-256 of
+its graph, so a changed file or one for another observation is refused when it is loaded.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hotice.errors import CheckpointError, UnknownName
+from hotice.files import write_bytes
+from hotice.learn.checkpoint import load_checkpoint
+from hotice.learn.networks import ActorCritic
+from hotice.sim.config import get_preset
+
+FORMAT = "hotice-policy/1"
+POLICIES = Path(__file__).resolve().parents[1] / "policies"
+KEY = "hotice"
+OBSERVATION, ACTION = "observation", "action"
+
+
+class Policy(Protocol):
+    """Deterministic policy. `meta` has preset, layout (names and widths of the observation) and task constants."""
+
+    name: str
+    meta: dict[str, Any]
+
+    def act(self, obs: Tensor) -> Tensor:
+        """Actions (N, 20) of raw observations (N, O)."""
+        ...
+
+
+@dataclass
+class TorchPolicy:
+    """Networks of a checkpoint."""
+
+    name: str
+    meta: dict[str, Any]
+    net: ActorCritic
+
+    @torch.no_grad()
+    def act(self, obs: Tensor) -> Tensor:
+        return self.net.act(obs)
+
+
+class OnnxPolicy:
+    """An exported policy, run by onnxruntime on the CPU."""
+
+    def __init__(self, path: Path, name: str | None = None, threads: int = 0) -> None:
+        import onnxruntime
+
+        self.name = name or str(path)
+        content = _read(path)
+        self.meta = read_onnx_meta(content, path)
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.log_severity_level = 3
+        self.session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+    def act(self, obs: Tensor) -> Tensor:
+        out = self.session.run([ACTION], {OBSERVATION: obs.detach().cpu().float().numpy()})[0]
+        return torch.from_numpy(np.asarray(out)).to(obs.device)
+
+
+def shipped_policies() -> tuple[str, ...]:
+    """Names of the policies that come with hotice."""
+    return tuple(sorted(p.stem for p in POLICIES.glob("*.onnx")))
+
+
+def load_policy(name_or_path: str | Path) -> Policy:
+    """A shipped policy by name, an ONNX file, a checkpoint folder or a run. Raises `CheckpointError` or `UnknownName`."""
+    text = str(name_or_path)
+    if text in shipped_policies():
+        return OnnxPolicy(POLICIES / f"{text}.onnx", text)
+    path = Path(text)
+    if path.is_dir():
+        return torch_policy(path)
+    if path.suffix == ".onnx" or path.is_file():
+        return OnnxPolicy(path)
+    if len(path.parts) > 1:
+        raise CheckpointError(f"{path}: no such policy file or checkpoint folder")
+    raise UnknownName("policy", text, (*shipped_policies(), "or the path of an .onnx file or a checkpoint folder"))
+
+
+def torch_policy(path: Path) -> TorchPolicy:
+    """The policy of a checkpoint. Raises `CheckpointError`."""
+    tensors, meta = load_checkpoint(path)
+    try:
+        config = meta["config"]
+        obs = sum(width for _, width in meta["layout"])
+        critic = sum(width for _, width in meta["critic_layout"])
+        net = ActorCritic(
+            get_preset(config["preset"]).agents, obs, critic, config["hidden"], config["critic_hidden"],
+            tuple(config["init_std"]),
+        )  # fmt: skip
+        net.load_state_dict({k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise CheckpointError(f"{path}: is no checkpoint of this version: {str(error).splitlines()[-1].strip()}") from None
+    net.eval()
+    return TorchPolicy(str(path), policy_meta(meta), net)
+
+
+def policy_meta(meta: dict[str, Any]) -> dict[str, Any]:
+    """What a policy file says of itself, from a checkpoint's meta."""
+    config = meta["config"]
+    return {
+        "format": FORMAT, "preset": config["preset"], "layout": [list(row) for row in meta["layout"]],
+        "task": config["task"], "trained": {
+            "steps": meta["steps"], "updates": meta["update"], "minutes": round(meta["minutes"], 1),
+            "seed": config["seed"], "scenes": config["scenes"], "source": meta["source"],
+        },
+    }  # fmt: skip
+
+
+def export_onnx(policy: TorchPolicy, path: Path) -> Path:
+    """Writes both actors and the normaliser to one ONNX file (`observation` (N, O) -> `action` (N, 20)).
+
+    Raises `OutputError`, or `CheckpointError` when onnxruntime differs from torch by more than 1e-5.
+    """
+    import logging
+    import warnings
+
+    import onnx
+
+    size = sum(width for _, width in policy.meta["layout"])
+    example = torch.zeros(2, size)
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        program = torch.onnx.export(
+            policy.net, (example,), input_names=[OBSERVATION], output_names=[ACTION], dynamo=True, verbose=False,
+            dynamic_shapes={"raw_obs": {0: torch.export.Dim("batch")}},
+        )  # fmt: skip
+    assert program is not None
+    model = program.model_proto
+    del model.metadata_props[:]
+    meta = {**policy.meta, "sha256": _graph_hash(model)}
+    model.metadata_props.append(onnx.StringStringEntryProto(key=KEY, value=json.dumps(meta)))
+    buffer = io.BytesIO()
+    onnx.save_model(model, buffer, save_as_external_data=False)
+    write_bytes(path, buffer.getvalue())
+    check_export(policy, OnnxPolicy(path))
+    return path
+
+
+def check_export(policy: TorchPolicy, exported: OnnxPolicy, tolerance: float = 1e-5) -> float:
+    """Largest difference over random observations. Raises `CheckpointError` above the tolerance."""
+    generator = torch.Generator().manual_seed(0)
+    norm = policy.net.obs_norm
+    obs = norm.mean + norm.var.sqrt() * torch.randn(256, len(norm.mean), generator=generator)
+    worst = float((policy.act(obs) - exported.act(obs)).abs().max())
+    if not worst <= tolerance:
+        raise CheckpointError(f"{exported.name}: exported policy differs from torch by {worst:.2g}, allowed {tolerance:g}")
+    return worst
+
+
+def read_onnx_meta(content: bytes, path: Path) -> dict[str, Any]:
+    """Description in an ONNX policy. Raises `CheckpointError` for another file, a changed one or another version."""
+    import onnx
+
+    try:
+        model = onnx.load_model_from_string(content)
+    except Exception as error:  # protobuf raises many kinds, all meaning: not an ONNX file
+        raise CheckpointError(f"{path}: is no ONNX file (truncated or changed): {type(error).__name__}") from None
+    entries = {e.key: e.value for e in model.metadata_props}
+    if KEY not in entries:
+        raise CheckpointError(f"{path}: is an ONNX file but no hotice policy: write one with `hotice export`")
+    try:
+        meta = json.loads(entries[KEY])
+    except ValueError:
+        raise CheckpointError(f"{path}: description of the policy is not JSON: the file was changed") from None
+    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
+        raise CheckpointError(f"{path}: policy format is {meta.get('format')!r}: known is {FORMAT!r}")
+    del model.metadata_props[:]
+    if _graph_hash(model) != meta.get("sha256"):
+        raise CheckpointError(f"{path}: truncated or changed since it was exported (SHA-256 differs)")
+    return meta
+
+
+def check_layout(policy: Policy, layout: list[tuple[str, int]]) -> None:
+    """Raises `CheckpointError` unless the policy reads exactly this observation."""
+    theirs = [tuple(row) for row in policy.meta["layout"]]
+    if theirs == layout:
+        return
+    wrong = [f"{a[0]} ({a[1]})" for a in theirs if a not in layout] or ["another order"]
+    raise CheckpointError(
+        f"{policy.name}: observation layout differs from the environment's: the policy reads {sum(w for _, w in theirs)} "
+        f"numbers, the environment gives {sum(w for _, w in layout)}; first difference: {wrong[0]}"
+    )
+
+
+def _graph_hash(model: Any) -> str:
+    return hashlib.sha256(model.SerializeToString(deterministic=True)).hexdigest()
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be read: {error.strerror or error}") from None
