@@ -4,16 +4,19 @@ Every message says what came, what is allowed and, where it helps, how to mend i
 a `HoticeError` on one line and exits with status 2; anything else is a defect and keeps its traceback.
 """
 
+from collections.abc import Iterable
+
 
 class HoticeError(Exception):
     """Base of every error that a user of hotice can mend."""
 
 
 class UnknownName(HoticeError):
-    """A name that is not in a table: says which names are."""
+    """A name that is not in a table: says which names are, and `otherwise` what else may be given."""
 
-    def __init__(self, kind: str, name: object, known) -> None:
-        super().__init__(f"unknown {kind} {name!r}: known are {', '.join(sorted(map(str, known)))}")
+    def __init__(self, kind: str, name: object, known: Iterable[object], otherwise: str = "") -> None:
+        names = ", ".join(sorted(map(str, known))) or "none"
+        super().__init__(f"unknown {kind} {name!r}: known are {names}{f', or {otherwise}' if otherwise else ''}")
 
 
 class InvalidScene(HoticeError):

@@ -1,4 +1,4 @@
-"""How well motion follows a field, and how the field enters the observation (III-A). Any device, any leading axes."""
+"""How well motion follows a field, and how the field enters the observation (IV-A). Any device, any leading axes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def cosine(a: Tensor, b: Tensor, eps: float = 1e-3) -> Tensor:
 
 
 def residual_cosine(field_W: Tensor, v_W: Tensor, c_W: Tensor, eps: float = 1e-3) -> Tensor:
-    """Cosine between F_object(x) - c and v - c, (..., K, 3), (..., K, 3), (..., 3) -> (..., K) (III-A)."""
+    """Cosine between F_object(x) - c and v - c, (..., K, 3), (..., K, 3), (..., 3) -> (..., K) (IV-A)."""
     c_W = c_W.unsqueeze(-2)
     return cosine(field_W - c_W, v_W - c_W, eps)
 

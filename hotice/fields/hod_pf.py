@@ -1,4 +1,4 @@
-"""Humanoid-object decoupled potential fields of one scene (III-A): SGF, and OGF about inflated obstacles."""
+"""Humanoid-object decoupled potential fields of one scene (IV-A): SGF, and OGF about inflated obstacles."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ class FieldParams:
     """Constants of the fields. Raises `InvalidConfig` unless all are finite, positive and s_min < d0."""
 
     influence_distance_m: float = 0.2
-    """d0: obstacles farther away do not repel [m] (paper, III-A)."""
+    """d0: obstacles farther away do not repel [m] (paper, IV-A)."""
     attraction: float = 0.6
     """eta: size of the attractive force, a speed in m/s when read as a command (paper)."""
     repulsion: float = 1e-3

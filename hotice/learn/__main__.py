@@ -17,6 +17,9 @@ def main(argv: list[str] | None = None) -> int:
     except HoticeError as error:
         print(f"hotice: {error}".replace("\n", " "), file=sys.stderr)
         return 2
+    except BrokenPipeError:  # the reader of a pipe has gone: nothing is wrong
+        sys.stderr.close()
+        return 0
 
 
 if __name__ == "__main__":

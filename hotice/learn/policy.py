@@ -89,7 +89,7 @@ def load_policy(name_or_path: str | Path) -> Policy:
         return OnnxPolicy(path)
     if len(path.parts) > 1:
         raise CheckpointError(f"{path}: no such policy file or checkpoint folder")
-    raise UnknownName("policy", text, (*shipped_policies(), "or the path of an .onnx file or a checkpoint folder"))
+    raise UnknownName("policy", text, shipped_policies(), "the path of an .onnx file or a checkpoint folder")
 
 
 def torch_policy(path: Path) -> TorchPolicy:

@@ -1,4 +1,4 @@
-"""Carried objects: uniform boxes, cylinders and spheres, with the eight keypoints at which the OGF is queried (III-A).
+"""Carried objects: uniform boxes, cylinders and spheres, with the eight keypoints at which the OGF is queried (IV-A).
 
 The object frame O sits at the centre of mass; a cylinder lies along its local z.
 """

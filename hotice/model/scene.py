@@ -192,7 +192,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     path = Path(text)
     if path.suffix == ".json" or len(path.parts) > 1 or path.is_file():
         return Scene.load(path)
-    raise UnknownName("scene", text, (*shipped_scenes(), "or the path of a .json file"))
+    raise UnknownName("scene", text, shipped_scenes(), "the path of a .json file")
 
 
 def load_scenes(items: Iterable[str | Path]) -> list[Scene]:

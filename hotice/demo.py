@@ -1,0 +1,95 @@
+"""`make demo`: the shipped policy carries a box through three scenes.
+
+    python -m hotice.demo [--out out/demo] [--rollouts 20]
+
+Builds the fields of open floor, pipe and side gap, scores the policy with exact geometry, and writes a table (JSON), one
+self-contained replay page and an overview picture.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+DEMO_POLICY = "carry"
+SCENES = ("open_floor", "pipe", "gap")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoConfig:
+    """The demo."""
+
+    out: Path = Path("out/demo")
+    """Folder of report, page and picture."""
+    rollouts: int = 20
+    """Scored trials a scene."""
+    shown: int = 2
+    """Rollouts a scene in the replay."""
+    policy: str = DEMO_POLICY
+    """Shipped policy by name, .onnx file, checkpoint folder or run."""
+    scenes: tuple[str, ...] = SCENES
+    """Scene names or files."""
+    seed: int = 0
+    """Seed of objects and starts."""
+
+
+def run(config: DemoConfig) -> None:
+    """Runs the demo. Raises `HoticeError`."""
+    from rich.console import Console
+
+    from hotice.fields import build_hod_pf
+    from hotice.files import make_folder
+    from hotice.learn.evaluate import EvaluateConfig, evaluate
+    from hotice.learn.policy import load_policy
+    from hotice.learn.record import record_rollouts
+    from hotice.model import Box, load_scenes
+    from hotice.model.carry import solve_carry
+    from hotice.replay import write_html, write_overview
+
+    console = Console()
+    make_folder(config.out)
+    policy = load_policy(config.policy)
+    scenes = load_scenes(config.scenes)
+    for scene in scenes:
+        begin = time.perf_counter()
+        field = build_hod_pf(scene)
+        pelvis = scene.start[:2] + (0.75,)
+        console.print(
+            f"fields of [bold]{scene.name}[/]: {len(scene.obstacles)} obstacles, path of "
+            f"{float(field.sgf.geodesic_distance(pelvis)):.2f} m, {time.perf_counter() - begin:.1f} s",
+            highlight=False,
+        )
+    report = config.out / "report.json"
+    evaluate(
+        EvaluateConfig(policy=config.policy, scenes=config.scenes, rollouts=config.rollouts, seed=config.seed, out=report)
+    )
+    boxes = [Box((0.30, 0.30, 0.30), 1.5), Box((0.25, 0.38, 0.22), 2.5), Box((0.22, 0.25, 0.35), 3.0)]
+    states = [solve_carry(box) for box in boxes[: config.shown]]
+    records = []
+    for scene in scenes:
+        with console.status(f"recording {scene.name}"):
+            records += record_rollouts(policy, scene, states, seed=config.seed)
+    page = write_html(records, config.out / "replay.html")
+    picture = write_overview(records[:: config.shown], config.out / "overview.png")
+    for what, path in (("report", report), ("replay", page), ("picture", picture)):
+        console.print(f"{what:>8}: {path.resolve()}", highlight=False, soft_wrap=True)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Command line; a `HoticeError` is printed on one line and gives status 2."""
+    import tyro
+
+    from hotice.errors import HoticeError
+
+    try:
+        run(tyro.cli(DemoConfig, args=argv, prog="python -m hotice.demo", description=__doc__))
+    except HoticeError as error:
+        print(f"hotice: {error}".replace("\n", " "), file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,41 @@
+"""The tables of the task as Markdown, straight from the code."""
+
+from __future__ import annotations
+
+from hotice.sim.observations import POLICY, PRIVILEGED
+from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, L, U
+from hotice.sim.terminations import TERMINATIONS
+
+
+def _first_line(term: object) -> str:
+    return (term.__doc__ or "").strip().splitlines()[0]
+
+
+def reward_table() -> str:
+    """One row a reward term."""
+    rows = ["| Set | Term | Weight [1/s] | What | Source |", "|---|---|---|---|---|"]
+    for r in REWARDS:
+        group = "L" if r.agents == L else "U" if r.agents == U else "S"
+        rows.append(f"| {group} | `{r.name}` | {r.weight:g} | {_first_line(r.term)} | {r.source} |")
+    rows.append(f"| S | termination | {TERMINATION_PENALTY:g} once | An episode ends by a failure | ours |")
+    return "\n".join(rows)
+
+
+def observation_table() -> str:
+    """One row an observation; privileged ones are read by the critics only."""
+    rows = ["| Read by | Observation | Size | What |", "|---|---|---|---|"]
+    for who, table in (("actors, critics", POLICY), ("critics", PRIVILEGED)):
+        rows += [f"| {who} | `{o.name}` | {len(o.mirror[0])} | {o.note} |" for o in table]
+    return "\n".join(rows)
+
+
+def termination_table() -> str:
+    """One row a termination."""
+    rows = ["| Termination | When |", "|---|---|"]
+    return "\n".join(rows + [f"| `{t.name}` | {_first_line(t.condition)} |" for t in TERMINATIONS])
+
+
+def all_tables() -> str:
+    """Rewards, observations and terminations."""
+    parts = (("Rewards", reward_table()), ("Observations", observation_table()), ("Terminations", termination_table()))
+    return "\n\n".join(f"## {title}\n\n{table}" for title, table in parts)
