@@ -28,7 +28,9 @@ CONTROL_S = 0.02
 
 def hold(state, rng: np.random.Generator, *, timestep_s: float = 0.005, elliptic: bool = False) -> tuple[bool, float]:
     """Simulates the held object at a fixed pelvis; returns whether it stayed and the slip [m]."""
-    model = builder.build_model(state.carried, wrist_pos=state.wrist_pos, fixed_base=True, floor=False, timestep_s=timestep_s, elliptic=elliptic)
+    model = builder.build_model(
+        state.carried, wrist_pos=state.wrist_pos, fixed_base=True, floor=False, timestep_s=timestep_s, elliptic=elliptic
+    )
     data = mujoco.MjData(model)
     offset = state.root_pos_W - model.body("pelvis").pos
     model.body("pelvis").quat[:] = state.quat_WP
@@ -53,7 +55,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--objects", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--fine", action="store_true", help="2 ms steps and elliptic cones instead of training settings")
+    parser.add_argument(
+        "--fine", action="store_true", help="2 ms steps and elliptic cones instead of training settings"
+    )
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
     objects = ObjectRange(shapes=("box", "cylinder", "sphere"))
@@ -78,10 +82,14 @@ def main() -> None:
     slips_mm, names = 1e3 * np.array(slips), np.array(shapes)
     for shape in (*sorted(set(shapes)), "all"):
         mine = slips_mm[(names == shape) | (shape == "all")]
-        table.add_row(shape, str(len(mine)), str(int((mine < 100).sum())), f"{np.median(mine):.1f}", f"{mine.max():.1f}")
+        table.add_row(
+            shape, str(len(mine)), str(int((mine < 100).sum())), f"{np.median(mine):.1f}", f"{mine.max():.1f}"
+        )
     console = Console()
     console.print(table)
-    console.print(f"held {held}/{args.objects}; infeasible {len(infeasible)}; solve {1e3 * np.mean(solve_s):.0f} ms mean")
+    console.print(
+        f"held {held}/{args.objects}; infeasible {len(infeasible)}; solve {1e3 * np.mean(solve_s):.0f} ms mean"
+    )
     for line in sorted(set(infeasible)):
         console.print(f"  {line}")
 

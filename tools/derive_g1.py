@@ -54,7 +54,11 @@ GEOMETRY: dict[str, list[tuple]] = {
 TRUNK = ("pelvis", "torso_link", "left_hip_yaw_link", "right_hip_yaw_link")
 
 # contact spheres: the only geometry that carries load in the simulation (floor and object)
-SOLE = ("left_ankle_roll_link", 0.005, [(-0.05, 0.025, -0.030), (-0.05, -0.025, -0.030), (0.12, 0.030, -0.030), (0.12, -0.030, -0.030)])
+SOLE = (
+    "left_ankle_roll_link",
+    0.005,
+    [(-0.05, 0.025, -0.030), (-0.05, -0.025, -0.030), (0.12, 0.030, -0.030), (0.12, -0.030, -0.030)],
+)
 PALM = ("left_wrist_yaw_link", 0.020, [(x, -0.015, z) for x in (0.060, 0.140) for z in (-0.025, 0.025)])
 
 # site -> (body, position); the potential-field keypoints of the paper, then frames that sensors and controllers use
@@ -112,7 +116,9 @@ def geom_lines(body: str) -> list[str]:
         if body.split("_", 1)[-1] == owner.split("_", 1)[-1]:
             side = body.split("_", 1)[0]
             for index, p in enumerate(points):
-                lines.append(f'<geom name="{side}_{part}_{index}" class="{part}" size="{num(radius)}" pos="{num(flip(p, body))}"/>')
+                lines.append(
+                    f'<geom name="{side}_{part}_{index}" class="{part}" size="{num(radius)}" pos="{num(flip(p, body))}"/>'
+                )
     return lines
 
 
@@ -151,7 +157,9 @@ def main() -> None:
         lines.append(f'{pad}<body name="{name}" {head}>')
         m = inertia.inertia
         full = [m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]]
-        lines.append(f'{pad}  <inertial pos="{num(inertia.lever)}" mass="{inertia.mass:.10g}" fullinertia="{num(full)}"/>')
+        lines.append(
+            f'{pad}  <inertial pos="{num(inertia.lever)}" mass="{inertia.mass:.10g}" fullinertia="{num(full)}"/>'
+        )
         if joint_id == 1:
             lines.append(f'{pad}  <freejoint name="floating_base"/>')
         else:
@@ -160,7 +168,9 @@ def main() -> None:
             axis = {"JointModelRX": "1 0 0", "JointModelRY": "0 1 0", "JointModelRZ": "0 0 1"}[data.shortname()]
             lower, upper = model.lowerPositionLimit[data.idx_q], model.upperPositionLimit[data.idx_q]
             armature = next(v for k, v in ARMATURE.items() if joint.endswith(k))
-            lines.append(f'{pad}  <joint name="{joint}" axis="{axis}" range="{num([lower, upper])}" armature="{num(armature)}"/>')
+            lines.append(
+                f'{pad}  <joint name="{joint}" axis="{axis}" range="{num([lower, upper])}" armature="{num(armature)}"/>'
+            )
         lines.extend(f"{pad}  {line}" for line in geom_lines(name) + site_lines(name))
         for child in range(1, model.njoints):
             if model.parents[child] == joint_id:
@@ -175,7 +185,9 @@ def main() -> None:
             effort = ANKLE_EFFORT
         if joint in ("waist_roll_joint", "waist_pitch_joint"):
             effort = WAIST_EFFORT
-        motors.append(f'    <motor name="{joint.removesuffix("_joint")}" joint="{joint}" ctrlrange="{num([-effort, effort])}"/>')
+        motors.append(
+            f'    <motor name="{joint.removesuffix("_joint")}" joint="{joint}" ctrlrange="{num([-effort, effort])}"/>'
+        )
     text = f"""<!-- Unitree G1, 29 joints and a free base, without meshes. Written by tools/derive_g1.py: change that file, not this one.
      Masses, inertias, joint frames and limits: Unitree's published description (BSD-3-Clause, see NOTICE).
      Geometry: primitives that cover every link; soles and palms carry load through four small spheres each.

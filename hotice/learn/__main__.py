@@ -13,7 +13,9 @@ def main(argv: list[str] | None = None) -> int:
     from hotice.learn import commands
 
     try:
-        return tyro.extras.subcommand_cli_from_dict(commands.COMMANDS, args=argv, prog="hotice", description=__doc__) or 0
+        return (
+            tyro.extras.subcommand_cli_from_dict(commands.COMMANDS, args=argv, prog="hotice", description=__doc__) or 0
+        )
     except HoticeError as error:
         print(f"hotice: {error}".replace("\n", " "), file=sys.stderr)
         return 2

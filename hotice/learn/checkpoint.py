@@ -63,7 +63,9 @@ def resolve(path: Path) -> Path:
         return path
     found = list_checkpoints(path) if path.is_dir() else []
     if not found:
-        raise CheckpointError(f"{path}: no checkpoint here: a folder {PREFIX}NUMBER, or a run that holds some, is needed")
+        raise CheckpointError(
+            f"{path}: no checkpoint here: a folder {PREFIX}NUMBER, or a run that holds some, is needed"
+        )
     return found[-1]
 
 

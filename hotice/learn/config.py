@@ -76,7 +76,9 @@ class TrainConfig:
     resume: bool = False
     """Go on from the newest checkpoint in `out`."""
     init: Path | None = None
-    """Start from the networks (not the counters) of this checkpoint."""
+    """Start from networks, normalisers and optimiser (not the counters) of this checkpoint or run."""
+    curriculum: bool = True
+    """Draw scenes that are neither solved nor hopeless more often."""
     seed: int = 0
     """Seed of every random draw."""
     checkpoint_minutes: float = 3.0

@@ -77,7 +77,11 @@ class DualPpo:
             with torch.no_grad():
                 kl = float(kl_divergence(batch.mean[:, part], std_old[part], mean[:, part], std[part]).mean())
             self._adapt(i, kl)
-            log |= {f"surrogate/{agent.name}": float(surrogate.detach()), f"value/{agent.name}": float(value_loss.detach()), f"kl/{agent.name}": kl}
+            log |= {
+                f"surrogate/{agent.name}": float(surrogate.detach()),
+                f"value/{agent.name}": float(value_loss.detach()),
+                f"kl/{agent.name}": kl,
+            }
         if cfg.mirror_weight > 0:
             with torch.no_grad():
                 target = self.mirror_action(mean)
@@ -97,7 +101,9 @@ class DualPpo:
         if not all(bool(torch.isfinite(n)) for n in norms):
             self.skipped += 1
             if self.skipped > 100:
-                raise InvalidConfig("more than 100 minibatches had gradients that are not finite: lower the learning rate")
+                raise InvalidConfig(
+                    "more than 100 minibatches had gradients that are not finite: lower the learning rate"
+                )
             return
         self.optimizer.step()
         with torch.no_grad():

@@ -167,7 +167,9 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     if config.out is not None:
         check_writable(config.out)
     ranges = ObjectRange(shapes=config.shapes, size_m=config.size_m, mass_kg=config.mass_kg)
-    states = CarryBank.sample(ranges, min(config.objects, config.rollouts), config.seed, 0.005, torch.device("cpu")).states
+    states = CarryBank.sample(
+        ranges, min(config.objects, config.rollouts), config.seed, 0.005, torch.device("cpu")
+    ).states
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     scores = []
@@ -208,8 +210,16 @@ def print_report(report: dict[str, Any], console) -> None:
     """Prints the report as a table."""
     from rich.table import Table
 
-    table = Table(title=f"{report['policy']}: {report['rollouts']} trials a scene, seed {report['seed']}, {report['physics']}")
-    for name, justify in (("scene", "left"), ("success", "right"), ("95 %", "right"), ("distance [m]", "right"), ("time [s]", "right")):
+    table = Table(
+        title=f"{report['policy']}: {report['rollouts']} trials a scene, seed {report['seed']}, {report['physics']}"
+    )
+    for name, justify in (
+        ("scene", "left"),
+        ("success", "right"),
+        ("95 %", "right"),
+        ("distance [m]", "right"),
+        ("time [s]", "right"),
+    ):
         table.add_column(name, justify=justify)  # type: ignore[arg-type]
     for cause in ("robot hit", "object hit", "fall", "drop", "timeout"):
         table.add_column(cause, justify="right")
@@ -222,7 +232,9 @@ def print_report(report: dict[str, Any], console) -> None:
         )  # fmt: skip
     low, high = report["success_interval_95"]
     table.add_section()
-    table.add_row("all", f"{report['success_rate']:.1%}", f"{100 * low:.0f}–{100 * high:.0f}", f"{report['mean_distance_m']:.3f}")
+    table.add_row(
+        "all", f"{report['success_rate']:.1%}", f"{100 * low:.0f}–{100 * high:.0f}", f"{report['mean_distance_m']:.3f}"
+    )
     console.print(table)
 
 

@@ -105,7 +105,9 @@ def torch_policy(path: Path) -> TorchPolicy:
         )  # fmt: skip
         net.load_state_dict({k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise CheckpointError(f"{path}: is no checkpoint of this version: {str(error).splitlines()[-1].strip()}") from None
+        raise CheckpointError(
+            f"{path}: is no checkpoint of this version: {str(error).splitlines()[-1].strip()}"
+        ) from None
     net.eval()
     return TorchPolicy(str(path), policy_meta(meta), net)
 
@@ -160,7 +162,9 @@ def check_export(policy: TorchPolicy, exported: OnnxPolicy, tolerance: float = 1
     obs = norm.mean + norm.var.sqrt() * torch.randn(256, len(norm.mean), generator=generator)
     worst = float((policy.act(obs) - exported.act(obs)).abs().max())
     if not worst <= tolerance:
-        raise CheckpointError(f"{exported.name}: exported policy differs from torch by {worst:.2g}, allowed {tolerance:g}")
+        raise CheckpointError(
+            f"{exported.name}: exported policy differs from torch by {worst:.2g}, allowed {tolerance:g}"
+        )
     return worst
 
 

@@ -15,7 +15,15 @@ from torch.utils.tensorboard import SummaryWriter
 from hotice.files import make_folder
 from hotice.learn.config import TrainConfig
 
-SHOWN = ("reward", "length", "share/reached", "share/fall", "share/drop", "share/robot_collision", "share/object_collision")
+SHOWN = (
+    "reward",
+    "length",
+    "share/reached",
+    "share/fall",
+    "share/drop",
+    "share/robot_collision",
+    "share/object_collision",
+)
 QUIET_S = 30.0
 
 

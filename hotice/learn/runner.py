@@ -14,16 +14,17 @@ from torch import Tensor
 from hotice.errors import CheckpointError
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, save_checkpoint
 from hotice.learn.config import TrainConfig
+from hotice.learn.curriculum import SceneCurriculum
 from hotice.learn.dual_ppo import DualPpo
 from hotice.learn.gae import gae
 from hotice.learn.networks import ActorCritic
 from hotice.learn.progress import Progress
 from hotice.learn.scene_sets import resolve_scenes
 from hotice.learn.statistics import EpisodeStatistics
+from hotice.learn.storage import Rollout
 from hotice.learn.version import source_version
 from hotice.sim.env import TransportEnv
 from hotice.sim.observations import mirror_action
-from hotice.learn.storage import Rollout
 
 
 class Runner:
@@ -40,7 +41,12 @@ class Runner:
         )  # fmt: skip
         env = self.env
         self.net = ActorCritic(
-            env.agents, env.policy_table.size, env.critic_table.size, config.hidden, config.critic_hidden, config.init_std
+            env.agents,
+            env.policy_table.size,
+            env.critic_table.size,
+            config.hidden,
+            config.critic_hidden,
+            config.init_std,
         ).to(env.device)
         generator = torch.Generator(env.device).manual_seed(config.seed + 1)
         self.algo = DualPpo(self.net, config.ppo, env.policy_table.mirror, mirror_action, generator)
@@ -48,13 +54,14 @@ class Runner:
             config.ppo.steps, env.num_envs, env.policy_table.size, env.critic_table.size, len(env.agents), env.device
         )
         self.stats = EpisodeStatistics(env.num_envs, env.bank.num_scenes, env.device)
+        self.curriculum = SceneCurriculum(env.bank.num_scenes, env.device)
         self.update = 0
         self.minutes = 0.0
         self.steps = 0
         self._saved_at = time.monotonic()
         self.obs, self.critic_obs = env.reset()
         if config.init is not None:
-            self.load_networks(config.init)
+            self.load_learner(config.init)
         if config.resume and list_checkpoints(config.out):
             self.load(config.out)
 
@@ -88,6 +95,10 @@ class Runner:
         self.steps += self.env.num_envs * self.config.ppo.steps
         episodes, ended, successes = self.stats.pop()
         log |= episodes
+        if self.config.curriculum:
+            self.curriculum.update(ended, successes)
+            self.env.starter.scene_weight.copy_(self.curriculum.weights())
+            log["curriculum/solved"] = float((self.curriculum.rate > 0.8).float().mean())
         log["seconds/collect"], log["seconds/learn"] = middle - begin, time.monotonic() - middle
         log["steps_per_s"] = self.env.num_envs * self.config.ppo.steps / (time.monotonic() - begin)
         log["reward"] = float(self.rollout.reward.mean())
@@ -138,6 +149,7 @@ class Runner:
         tensors |= {f"env.{k}": v for k, v in self.env.state().items()}
         tensors["generator"] = self.algo.generator.get_state()
         tensors["reached"] = self.stats.reached
+        tensors["curriculum"] = self.curriculum.rate
         meta: dict[str, Any] = {
             "steps": self.steps, "minutes": self.minutes, "skipped": self.algo.skipped,
             "learning_rates": [g["lr"] for g in self.algo.optimizer.param_groups],
@@ -151,6 +163,24 @@ class Runner:
     def load(self, path: Path) -> None:
         """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one."""
         tensors, meta = load_checkpoint(path, self.env.device)
+        self._restore_learner(path, tensors, meta)
+        self.algo.skipped = int(meta["skipped"])
+        self.algo.generator.set_state(tensors["generator"].cpu())
+        self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
+        same_envs = meta["num_envs"] == self.env.num_envs and meta["scenes"] == self.env.bank.names
+        if same_envs and meta["config"]["task"] == config_to_dict(self.config)["task"]:
+            self.obs, self.critic_obs = self.env.load_state(
+                {k.removeprefix("env."): v for k, v in tensors.items() if k.startswith("env.")}
+            )
+            self.stats.reached.copy_(tensors["reached"])
+            self.curriculum.rate.copy_(tensors["curriculum"])
+
+    def load_learner(self, path: Path) -> None:
+        """Takes networks, normalisers and optimiser of another run: without the latter, learning would start over."""
+        tensors, meta = load_checkpoint(path, self.env.device)
+        self._restore_learner(path, tensors, meta)
+
+    def _restore_learner(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         self._check_fit(path, meta)
         self._load_net(path, tensors)
         opt = self.algo.optimizer.state_dict()
@@ -162,21 +192,6 @@ class Runner:
         self.algo.optimizer.load_state_dict(opt)
         for group, lr in zip(self.algo.optimizer.param_groups, meta["learning_rates"], strict=True):
             group["lr"] = lr
-        self.algo.skipped = int(meta["skipped"])
-        self.algo.generator.set_state(tensors["generator"].cpu())
-        self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
-        same_envs = meta["num_envs"] == self.env.num_envs and meta["scenes"] == self.env.bank.names
-        if same_envs and meta["config"]["task"] == config_to_dict(self.config)["task"]:
-            self.obs, self.critic_obs = self.env.load_state(
-                {k.removeprefix("env."): v for k, v in tensors.items() if k.startswith("env.")}
-            )
-            self.stats.reached.copy_(tensors["reached"])
-
-    def load_networks(self, path: Path) -> None:
-        """Takes the networks and normalisers of another run."""
-        tensors, meta = load_checkpoint(path, self.env.device)
-        self._check_fit(path, meta)
-        self._load_net(path, tensors)
 
     def _load_net(self, path: Path, tensors: dict[str, Tensor]) -> None:
         try:
@@ -203,4 +218,6 @@ def write_config(config: TrainConfig) -> None:
 
     make_folder(config.out)
 
-    write_text(config.out / "config.json", json.dumps({**config_to_dict(config), "source": source_version()}, indent=1) + "\n")
+    write_text(
+        config.out / "config.json", json.dumps({**config_to_dict(config), "source": source_version()}, indent=1) + "\n"
+    )

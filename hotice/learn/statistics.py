@@ -45,7 +45,9 @@ class EpisodeStatistics:
         total = float(self.ended.sum())
         result = {"episodes": total}
         if total:
-            result |= {f"share/{n}": float(c) / total for n, c in zip(OUTCOMES, self.outcomes, strict=True) if n != "running"}
+            result |= {
+                f"share/{n}": float(c) / total for n, c in zip(OUTCOMES, self.outcomes, strict=True) if n != "running"
+            }
             result["share/reached"] = float(self.successes.sum()) / total
             result["distance_m"] = float(self.distance) / total
             result["length"] = float(self.length) / total

@@ -18,7 +18,9 @@ def source_version() -> dict[str, str]:
         try:
             git = ["git", "-C", str(root)]
             commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=10)
-            changes = subprocess.run([*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=10)
+            changes = subprocess.run(
+                [*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=10
+            )
         except (OSError, subprocess.TimeoutExpired):
             return version
         if commit.returncode == 0:

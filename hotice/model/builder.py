@@ -157,9 +157,7 @@ def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
             )
         for index, prism in enumerate(face_prisms(vertices, faces)):
             spec.add_mesh(name=f"{name}#{index}", uservert=prism.reshape(-1).tolist())
-            body.add_geom(
-                name=f"{name}#{index}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}#{index}", **common
-            )
+            body.add_geom(name=f"{name}#{index}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}#{index}", **common)
 
 
 def add_hit_sensors(spec: mujoco.MjSpec) -> None:

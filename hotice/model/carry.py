@@ -38,7 +38,9 @@ class Posture:
 
     def __post_init__(self) -> None:
         if not 0.40 <= self.pelvis_height_m <= 0.785:
-            raise InvalidConfig(f"pelvis_height_m is {self.pelvis_height_m!r}: allowed are 0.40 (squat) to 0.785 (upright)")
+            raise InvalidConfig(
+                f"pelvis_height_m is {self.pelvis_height_m!r}: allowed are 0.40 (squat) to 0.785 (upright)"
+            )
         if not -0.2 <= self.lean_rad <= 0.6:
             raise InvalidConfig(f"lean_rad is {self.lean_rad!r}: allowed are -0.2 (back) to 0.6 (forward)")
 
@@ -99,7 +101,9 @@ class _Kinematics:
         self.palm_radius = float(self.model.geom_size[self.palm_id["left"][0], 0])
         self.range = self.model.jnt_range[[self.model.joint(j).id for j in g1.ACTION_JOINTS]]
         self.wrist_range = self.model.jnt_range[[self.model.joint(j).id for j in g1.WRIST_JOINTS]]
-        limit = {self.model.joint(a.trnid[0]).name: a.forcerange[1] for a in map(self.model.actuator, range(self.model.nu))}
+        limit = {
+            self.model.joint(a.trnid[0]).name: a.forcerange[1] for a in map(self.model.actuator, range(self.model.nu))
+        }
         self.torque_limit = np.array([limit[j] for j in g1.ACTION_JOINTS])
 
     def update(self) -> None:
@@ -241,7 +245,9 @@ def _static_torque(kin: _Kinematics, carried: CarriedObject, object_pos: NDArray
     return torque[kin.action_dof]
 
 
-def solve_carry(carried: CarriedObject, posture: Posture | None = None, *, squeeze_n: float | None = None) -> CarryState:
+def solve_carry(
+    carried: CarriedObject, posture: Posture | None = None, *, squeeze_n: float | None = None
+) -> CarryState:
     """A carry state of the object in the posture.
 
     Args:

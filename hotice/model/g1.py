@@ -34,11 +34,7 @@ ACTION_JOINTS = LEG_JOINTS + ARM_JOINTS
 LOWER = slice(0, len(LEG_JOINTS))
 UPPER = slice(len(LEG_JOINTS), len(ACTION_JOINTS))
 
-ALL_JOINTS = (
-    LEG_JOINTS
-    + WAIST_JOINTS
-    + tuple(f"{side}_{j}_joint" for side in SIDES for j in _ARM + _WRIST)
-)
+ALL_JOINTS = LEG_JOINTS + WAIST_JOINTS + tuple(f"{side}_{j}_joint" for side in SIDES for j in _ARM + _WRIST)
 """The 29 joints in the order of the published description."""
 LOCKED_JOINTS = tuple(j for j in ALL_JOINTS if j not in ACTION_JOINTS)
 """Waist and wrists: welded in the 20-joint model, held by stiff servos in the 29-joint one."""
@@ -55,7 +51,17 @@ _GAINS = {
     "wrist_roll": (60.0, 1.0), "wrist_pitch": (60.0, 1.0), "wrist_yaw": (60.0, 1.0),
 }  # fmt: skip
 
-SGF_KEYPOINTS = ("head", "left_shoulder", "right_shoulder", "torso", "pelvis", "left_knee", "right_knee", "left_foot", "right_foot")
+SGF_KEYPOINTS = (
+    "head",
+    "left_shoulder",
+    "right_shoulder",
+    "torso",
+    "pelvis",
+    "left_knee",
+    "right_knee",
+    "left_foot",
+    "right_foot",
+)
 """Keypoints that read the Standard Guidance Field: head, shoulders, torso, root, knees, feet (paper, IV-A)."""
 STEERED_KEYPOINTS = ("head", "pelvis", "left_foot", "right_foot")
 """Keypoints whose velocity is rewarded along the Standard Guidance Field, and whose vectors make the command c."""

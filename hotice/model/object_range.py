@@ -28,7 +28,9 @@ class ObjectRange:
             raise InvalidObject(f"unknown object shape {(unknown or [''])[0]!r}: known are {', '.join(SHAPES)}")
         for what, (low, high) in (("size_m", self.size_m), ("mass_kg", self.mass_kg)):
             if not (np.isfinite([low, high]).all() and 0 < low <= high):
-                raise InvalidObject(f"object {what} range {low} .. {high}: finite, positive and rising numbers are needed")
+                raise InvalidObject(
+                    f"object {what} range {low} .. {high}: finite, positive and rising numbers are needed"
+                )
 
     def sample(self, rng: np.random.Generator) -> CarriedObject:
         """One object, drawn with `rng`."""

@@ -30,7 +30,9 @@ def navigation_command(
     c_W = (force_W * (ETA / size.clamp_min(ETA))).mean(dim=1)
     distance = offset_W.norm(dim=-1)
     speed = torch.clamp(stop_gain_hz * distance, max=speed_m_s)
-    near = torch.clamp(1.0 - distance / 0.4, 0.0, 1.0)[:, None]  # close by, straight at the goal: feet and head disagree
+    near = torch.clamp(1.0 - distance / 0.4, 0.0, 1.0)[
+        :, None
+    ]  # close by, straight at the goal: feet and head disagree
     straight = offset_W / distance.clamp_min(1e-6)[:, None]
     along = c_W[:, :2] / c_W[:, :2].norm(dim=-1, keepdim=True).clamp_min(1e-6)
     horizontal = torch.nn.functional.normalize((1.0 - near) * along + near * straight, dim=-1) * speed[:, None]

@@ -123,7 +123,14 @@ class TaskConfig:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
-        for name in ("margin_m", "swing_height_m", "start_noise_m", "start_yaw_noise_rad", "joint_noise_rad", "push_m_s"):
+        for name in (
+            "margin_m",
+            "swing_height_m",
+            "start_noise_m",
+            "start_yaw_noise_rad",
+            "joint_noise_rad",
+            "push_m_s",
+        ):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")

@@ -105,7 +105,9 @@ class TransportEnv:
         if isinstance(objects, CarryBank):
             self.carry = objects
         elif objects is None:
-            self.carry = CarryBank.sample(cfg.objects, min(cfg.carry_states, num_envs), seed, cfg.physics_dt_s, self.device)
+            self.carry = CarryBank.sample(
+                cfg.objects, min(cfg.carry_states, num_envs), seed, cfg.physics_dt_s, self.device
+            )
         else:
             given = list(objects) if isinstance(objects, Sequence) else [objects]
             self.carry = CarryBank.of_objects(given, cfg.physics_dt_s, self.device)
@@ -251,7 +253,9 @@ class TransportEnv:
         offset_W = self.bank.goal_W[scene, :2] - motion.p_WP[:, :2]
         c_W, speed = navigation_command(sgf.force_W[:, STEERED], offset_W, cfg.speed_m_s, cfg.stop_gain_hz)
         cos, sin = torch.cos(motion.yaw), torch.sin(motion.yaw)
-        goal_Y = torch.stack([cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1)
+        goal_Y = torch.stack(
+            [cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1
+        )
         robot_gap, object_gap = self._clearances(motion, scene, model)
         if self.physics.hits is None:
             robot_hit, object_hit = robot_gap < 0.0, object_gap < 0.0
@@ -285,5 +289,3 @@ class TransportEnv:
             cover.lowest_clearance(sdf[:, :count], radius),
             cover.lowest_clearance(sdf[:, count:], self.carry.cover_radius[model]),
         )
-
-

@@ -18,7 +18,9 @@ from hotice.sim.starts import all_places
 class Starter:
     """Draws scene, object, place and heading of new episodes and writes their state."""
 
-    def __init__(self, config: TaskConfig, bank: FieldBank, carry: CarryBank, layout: Layout, device: torch.device) -> None:
+    def __init__(
+        self, config: TaskConfig, bank: FieldBank, carry: CarryBank, layout: Layout, device: torch.device
+    ) -> None:
         self.config, self.bank, self.carry, self.layout = config, bank, carry, layout
         self.scene_weight = torch.ones(bank.num_scenes, device=device)
         places = all_places(bank) if config.anywhere > 0 else [np.zeros((1, 3))] * bank.num_scenes

@@ -72,7 +72,13 @@ class MujocoBatch:
             self.qvel[torch.as_tensor(np.asarray(error.ids), dtype=torch.int64)] = torch.nan
 
     def state(self) -> dict[str, Tensor]:
-        rows = {"qpos": self.qpos, "qvel": self.qvel, "ctrl": self.ctrl, "warmstart": self._warmstart, "time": self._time}
+        rows = {
+            "qpos": self.qpos,
+            "qvel": self.qvel,
+            "ctrl": self.ctrl,
+            "warmstart": self._warmstart,
+            "time": self._time,
+        }
         return {name: value.clone() for name, value in rows.items()}
 
     def load_state(self, state: dict[str, Tensor]) -> None:

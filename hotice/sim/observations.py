@@ -26,7 +26,8 @@ Mirror = tuple[np.ndarray, np.ndarray]
 VECTOR = (np.arange(3), np.array([1.0, -1.0, 1.0]))
 PSEUDO = (np.arange(3), np.array([-1.0, 1.0, -1.0]))
 _OTHER_SIDE = [
-    g1.SGF_KEYPOINTS.index(k.replace("left", "#").replace("right", "left").replace("#", "right")) for k in g1.SGF_KEYPOINTS
+    g1.SGF_KEYPOINTS.index(k.replace("left", "#").replace("right", "left").replace("#", "right"))
+    for k in g1.SGF_KEYPOINTS
 ]
 _OTHER_CORNER = [int(np.flatnonzero((OCTANTS == o * [1, -1, 1]).all(axis=1))[0]) for o in OCTANTS]
 
@@ -46,7 +47,9 @@ def swap(order: Sequence[int], inner: Mirror) -> Mirror:
 def chain(*parts: Mirror) -> Mirror:
     """Rows one after the other."""
     offsets = np.cumsum([0, *(len(p[0]) for p in parts)])
-    return np.concatenate([p[0] + o for p, o in zip(parts, offsets, strict=False)]), np.concatenate([p[1] for p in parts])
+    return np.concatenate([p[0] + o for p, o in zip(parts, offsets, strict=False)]), np.concatenate(
+        [p[1] for p in parts]
+    )
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ def _object_pose(s: Snapshot) -> Tensor:
 
 
 def _command(s: Snapshot) -> Tensor:
-    """c in Y [m/s], sine and cosine of the heading error, distance to go (squashed), (N, 6)."""
+    """C in Y [m/s], sine and cosine of the heading error, distance to go (squashed), (N, 6)."""
     error = s.heading_error
     togo = torch.tanh(s.goal_distance)
     return torch.cat([s.to_yaw_frame(s.c_W), torch.stack([torch.sin(error), torch.cos(error), togo], dim=1)], dim=1)

@@ -96,4 +96,6 @@ class RewardTable:
         for row in self.rows:
             value = row.term(s)
             if value.shape != s.p_WP.shape[:1] or not torch.isfinite(value).all():
-                raise InvalidConfig(f"reward {row.name!r} gives shape {tuple(value.shape)} or a value that is not finite")
+                raise InvalidConfig(
+                    f"reward {row.name!r} gives shape {tuple(value.shape)} or a value that is not finite"
+                )

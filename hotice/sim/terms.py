@@ -112,9 +112,10 @@ def gait_schedule(s: Snapshot) -> Tensor:
 
 
 def swing_height(s: Snapshot) -> Tensor:
-    """Squared error of the lower of toe and heel against the clock's height, of the swinging foot."""
+    """Squared lack of height of the lower of toe and heel against the clock's, of the swinging foot; more by obstacles."""
     lowest = torch.minimum(s.p_WK[:, 11:13, 2], s.p_WK[:, 13:15, 2])
-    error = (torch.clamp(s.swing - lowest, min=0.0) / 0.10).square()
+    near = torch.clamp((0.25 - s.sgf.signed_distance[:, FEET]) / 0.15, 0.0, 1.0)
+    error = (torch.clamp(s.swing * (1.0 + 0.6 * near) - lowest, min=0.0) / 0.10).square()
     return (error * (s.swing > 0)).sum(dim=1) * _moving(s)
 
 

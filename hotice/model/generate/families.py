@@ -88,7 +88,7 @@ def _side(rng: np.random.Generator) -> float:
 
 
 def _within(x: float, half: float) -> float:
-    """x moved so that x ± half keeps clear of what is held at the start and of the robot at the goal."""
+    """X moved so that x ± half keeps clear of what is held at the start and of the robot at the goal."""
     return min(max(x, NEAREST_M + half), FARTHEST_M - half)
 
 
