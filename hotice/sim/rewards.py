@@ -42,6 +42,7 @@ REWARDS: tuple[Reward, ...] = (
     Reward("clearance", S, -1.5, terms.clearance, "ours"),
     # L: locomotion and balance
     Reward("progress", L, 3.0, terms.progress, "ours"),
+    Reward("arrival", L, 2.0, terms.arrival, "paper V-A"),
     Reward("velocity_tracking", L, 1.5, terms.velocity_tracking, "CAT"),
     Reward("heading", L, 0.5, terms.heading, "ours"),
     Reward("yaw_rate", L, -0.15, terms.yaw_rate, "ours"),

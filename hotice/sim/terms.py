@@ -69,6 +69,11 @@ def progress(s: Snapshot) -> Tensor:
     return torch.minimum(along, s.speed) / ETA
 
 
+def arrival(s: Snapshot) -> Tensor:
+    """The root is at the goal: exp(−(distance / 0.15 m)²)."""
+    return torch.exp(-(s.goal_distance / 0.15).square())
+
+
 def velocity_tracking(s: Snapshot) -> Tensor:
     """exp(−4 |c − v|²) of the horizontal root velocity."""
     return torch.exp(-4.0 * (s.c_W[:, :2] - s.v_WP[:, :2]).square().sum(dim=-1))
