@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
+import signal
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import torch
@@ -70,18 +75,17 @@ class Runner:
         cfg = self.config
         begin, minutes_before = time.monotonic(), self.minutes
         write_config(cfg)
-        with Progress(cfg, self.update) as progress:
-            try:
-                while self.update < cfg.updates:
-                    log = self.learn_once()
-                    self.minutes = minutes_before + (time.monotonic() - begin) / 60.0
-                    progress.report(self.update, self.steps, self.minutes, log)
-                    if self._due():
-                        self.save()
-                    if cfg.max_minutes and self.minutes - minutes_before >= cfg.max_minutes:
-                        break
-            except KeyboardInterrupt:
-                progress.note("interrupted: saving")
+        with Progress(cfg, self.update) as progress, stop_on_signals() as stopped:
+            while self.update < cfg.updates and not stopped.is_set():
+                log = self.learn_once()
+                self.minutes = minutes_before + (time.monotonic() - begin) / 60.0
+                progress.report(self.update, self.steps, self.minutes, log)
+                if self._due():
+                    self.save()
+                if cfg.max_minutes and self.minutes - minutes_before >= cfg.max_minutes:
+                    break
+            if stopped.is_set():
+                progress.note("asked to stop: saving")
         self.save()
 
     def learn_once(self) -> dict[str, float]:
@@ -205,6 +209,29 @@ class Runner:
             raise CheckpointError(f"{path}: observation layout differs from the environment's")
         if meta["config"]["preset"] != self.config.preset:
             raise CheckpointError(f"{path}: trained as {meta['config']['preset']!r}, not {self.config.preset!r}")
+
+
+@contextlib.contextmanager
+def stop_on_signals() -> Iterator[threading.Event]:
+    """An event that is set by the first SIGINT or SIGTERM; the second one acts as it did before."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        event.set()
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+    for number in before:
+        signal.signal(number, stop)
+    try:
+        yield event
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def config_to_dict(config: Any) -> Any:

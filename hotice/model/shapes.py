@@ -78,6 +78,10 @@ class Shape:
         """Centre (3,) in the shape's frame and radius [m] of a ball that holds the shape."""
         raise NotImplementedError
 
+    def mujoco_geom(self) -> tuple[str, tuple[float, ...]]:
+        """MuJoCo geom type and size [m]: half extents, or radius and half length along z. A mesh has none."""
+        raise InvalidScene(f"a {self.type} shape has no MuJoCo primitive: use its triangles")
+
 
 @dataclass(frozen=True)
 class BoxShape(Shape):
@@ -99,6 +103,10 @@ class BoxShape(Shape):
     def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
         """See `Shape`."""
         return np.zeros(3), 0.5 * math.hypot(*self.size_m)
+
+    def mujoco_geom(self) -> tuple[str, tuple[float, ...]]:
+        """See `Shape`."""
+        return "box", tuple(0.5 * v for v in self.size_m)
 
 
 @dataclass(frozen=True)
@@ -124,6 +132,10 @@ class CylinderShape(Shape):
         """See `Shape`."""
         return np.zeros(3), math.hypot(self.radius_m, 0.5 * self.length_m)
 
+    def mujoco_geom(self) -> tuple[str, tuple[float, ...]]:
+        """See `Shape`."""
+        return "cylinder", (self.radius_m, 0.5 * self.length_m)
+
 
 @dataclass(frozen=True)
 class CapsuleShape(Shape):
@@ -147,6 +159,10 @@ class CapsuleShape(Shape):
         """See `Shape`."""
         return np.zeros(3), self.radius_m + 0.5 * self.length_m
 
+    def mujoco_geom(self) -> tuple[str, tuple[float, ...]]:
+        """See `Shape`."""
+        return "capsule", (self.radius_m, 0.5 * self.length_m)
+
 
 @dataclass(frozen=True)
 class SphereShape(Shape):
@@ -166,6 +182,10 @@ class SphereShape(Shape):
     def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
         """See `Shape`."""
         return np.zeros(3), self.radius_m
+
+    def mujoco_geom(self) -> tuple[str, tuple[float, ...]]:
+        """See `Shape`."""
+        return "sphere", (self.radius_m,)
 
 
 @dataclass(frozen=True)
@@ -217,6 +237,11 @@ class MeshShape(Shape):
     def bounding_ball(self) -> tuple[NDArray[np.float64], float]:
         """See `Shape`."""
         return self.mesh().ball
+
+    def triangles(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Vertices (V, 3) in the shape's frame [m], scaled, and faces (F, 3), counter-clockwise seen from outside."""
+        mesh = self.mesh()
+        return mesh.vertices, mesh.faces
 
 
 def _check_lengths(shape: Any) -> None:

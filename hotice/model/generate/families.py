@@ -1,9 +1,9 @@
-"""Parametric scene families, each graded from easy to hard, for curricula (after the scene types of the paper, section V).
+"""Parametric scene families, each graded from easy to hard, for curricula (scene types of the paper, section V).
 
-A family maps a difficulty in 0..1 and a place along the path to obstacles. Sizes that decide the difficulty are functions
-of the difficulty alone; where things stand is drawn from a generator seeded with (seed, family, index). Proportions fit a
-G1 (1.32 m tall, shoulders 0.45 m wide) with a box of up to 0.4 m ahead of it: obstacles keep clear of both at start and
-goal. All numbers are ours.
+A family maps a difficulty in 0..1 and a place along the path to obstacles. Sizes that decide the difficulty are
+functions of the difficulty alone; where things stand is drawn from a generator seeded with (seed, family, index).
+Proportions fit a G1 (1.32 m tall, shoulders 0.45 m wide) with a box of up to 0.4 m ahead of it: obstacles keep clear
+of both at start and goal. All numbers are ours.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hotice.model.shapes import BoxShape, CylinderShape, Shape, SphereShape
 
 MAX_COUNT = 10_000
 NEAREST_M, FARTHEST_M = 0.60, 1.75
-"""Extent along x of what may stand near the centre line: ahead of a box held at the start, behind the robot at the goal."""
+"""Along x, what is near the centre line stands ahead of a box held at the start and behind the robot at the goal."""
 HALF_WIDTH_M, CEILING_M = 1.0, 1.6
 ACROSS = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
 """Orientation wxyz that lays a cylinder along y."""
