@@ -169,7 +169,7 @@ def add_hit_sensors(spec: mujoco.MjSpec) -> None:
             name=name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=kind, objname=who,
             reftype=mujoco.mjtObj.mjOBJ_BODY, refname=OBSTACLE_BODY,
         )  # fmt: skip
-        sensor.intprm[:3] = [1 << mujoco.mjtConDataField.mjCONDATA_FOUND, 0, 1]
+        sensor.intprm[:3] = [1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND), 0, 1]
 
 
 def face_prisms(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
