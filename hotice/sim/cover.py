@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from hotice.model import g1
 from hotice.model.frames import quat_to_mat
 
 SPACING_M = 0.05
@@ -24,10 +25,11 @@ def robot_cover(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, np.ndarr
         body (S,) ids, centre (S, 3) in the body frame [m], radius (S,) [m].
     """
     bodies, centres, radii = [], [], []
+    root = model.body(g1.ROOT_BODY).id
     for geom in range(model.ngeom):
         name = model.geom(geom).name
         body = int(model.geom_bodyid[geom])
-        if body == 0 or name == "object" or "_sole_" in name or "_palm_" in name:
+        if model.body_rootid[body] != root or "_sole_" in name or "_palm_" in name:
             continue
         local, radius = cover_geom(int(model.geom_type[geom]), model.geom_size[geom])
         R = quat_to_mat(model.geom_quat[geom])

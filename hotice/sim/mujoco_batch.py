@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Sequence
 
@@ -33,7 +34,9 @@ class MujocoBatch:
         self.num_envs = num_envs
         self.device = torch.device("cpu")
         self.models = list(models)
-        self.batch = mujoco.batch.Batch(self.models[0], num_envs, nthread=threads, persistent=True)
+        first = copy.copy(self.models[0])
+        first.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must stay visible to the task
+        self.batch = mujoco.batch.Batch(first, num_envs, nthread=threads, persistent=True)
         self.qpos, self.qvel, self.ctrl = (_view(self.batch.bind(n)) for n in ("qpos", "qvel", "ctrl"))
         self._warmstart = _view(self.batch.bind("qacc_warmstart"))
         self._time = _view(self.batch.bind("time"))
@@ -42,7 +45,8 @@ class MujocoBatch:
         self.xmat = _view(self.batch.bind("xmat")).view(num_envs, nbody, 3, 3)
         self.cvel = _view(self.batch.bind("cvel")).view(num_envs, nbody, 6)
         self.com = _view(self.batch.bind("subtree_com")).view(num_envs, nbody, 3)
-        self.actuator_force = _view(self.batch.bind("actuator_force"))
+        self._force = _view(self.batch.bind("actuator_force"))
+        self.actuator_force = self._force.clone()  # of the last step: not a function of the state, so it is kept
         has_sensors = mujoco.mj_name2id(self.models[0], mujoco.mjtObj.mjOBJ_SENSOR, HIT_SENSORS[0]) >= 0
         self._hit_count = _view(self.batch.bind("sensordata")) if has_sensors else None
         self.hits = torch.zeros(num_envs, 2, dtype=torch.bool) if has_sensors else None
@@ -59,11 +63,12 @@ class MujocoBatch:
     def step(self, substeps: int) -> None:
         if self._hit_count is None or self.hits is None:
             self._step(substeps)
-            return
-        self.hits.zero_()
-        for _ in range(substeps):  # a contact counts in whichever substep it happens
-            self._step(1)
-            self.hits |= self._hit_count > 0
+        else:
+            self.hits.zero_()
+            for _ in range(substeps):  # a contact counts in whichever substep it happens
+                self._step(1)
+                self.hits |= self._hit_count > 0
+        self.actuator_force.copy_(self._force)
 
     def _step(self, substeps: int) -> None:
         try:
@@ -78,6 +83,7 @@ class MujocoBatch:
             "ctrl": self.ctrl,
             "warmstart": self._warmstart,
             "time": self._time,
+            "actuator_force": self.actuator_force,
         }
         return {name: value.clone() for name, value in rows.items()}
 
@@ -86,10 +92,13 @@ class MujocoBatch:
         self.qpos[:], self.qvel[:], self.ctrl[:] = state["qpos"], state["qvel"], state["ctrl"]
         self._warmstart[:], self._time[:] = state["warmstart"], state["time"]
         self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
+        if "actuator_force" in state:  # absent in checkpoints written before it was kept
+            self.actuator_force.copy_(state["actuator_force"])
 
     def forward(self, ids: Tensor) -> None:
         self._warmstart[ids] = 0.0
         self.batch.forward(ids=ids.to(torch.int32).numpy(), stage=mujoco.mjtStage.mjSTAGE_VEL)
+        self.actuator_force[ids] = 0.0
         if self.hits is not None:
             self.hits[ids] = False
 

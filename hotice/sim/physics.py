@@ -28,7 +28,8 @@ class Physics(Protocol):
         xpos (N, B, 3), xmat (N, B, 3, 3): body frames. cvel (N, B, 6): spatial velocity (angular, linear) at `com`.
         hits: (N, 2) bool, whether robot and object touched an obstacle during the last step, or None where the models hold
             no obstacles.
-        com (N, B, 3): centre of mass of the subtree below each body. actuator_force (N, nu) [N m].
+        com (N, B, 3): centre of mass of the subtree below each body. actuator_force (N, nu) [N m] in the last substep,
+            zero after `forward`: a copy.
     """
 
     num_envs: int
