@@ -167,6 +167,10 @@ class Runner:
     def load(self, path: Path) -> None:
         """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one."""
         tensors, meta = load_checkpoint(path, self.env.device)
+        with _same_version(path):
+            self._restore_run(path, tensors, meta)
+
+    def _restore_run(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         self._restore_learner(path, tensors, meta)
         self.algo.skipped = int(meta["skipped"])
         self.algo.generator.set_state(tensors["generator"].cpu())
@@ -180,9 +184,21 @@ class Runner:
             self.curriculum.rate.copy_(tensors["curriculum"])
 
     def load_learner(self, path: Path) -> None:
-        """Takes networks, normalisers and optimiser of another run: without the latter, learning would start over."""
+        """Takes networks, normalisers and optimiser of another run: without the latter, learning would start over.
+
+        Inputs that hardly varied in that run (the distance to obstacles on an open floor) get zero weights and an ordinary
+        variance: the old skill stays what it was when they begin to vary.
+        """
         tensors, meta = load_checkpoint(path, self.env.device)
-        self._restore_learner(path, tensors, meta)
+        with _same_version(path):
+            self._restore_learner(path, tensors, meta)
+        for norm, kind in ((self.net.obs_norm, "actor"), (self.net.critic_norm, "critic")):
+            constant = norm.var < 2e-4
+            norm.var[constant] = 0.1
+            for agent in self.net.agents:
+                first = getattr(self.net.nets[agent.name], kind)[0]
+                with torch.no_grad():
+                    first.weight[:, constant] = 0.0
 
     def _restore_learner(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         self._check_fit(path, meta)
@@ -209,6 +225,15 @@ class Runner:
             raise CheckpointError(f"{path}: observation layout differs from the environment's")
         if meta["config"]["preset"] != self.config.preset:
             raise CheckpointError(f"{path}: trained as {meta['config']['preset']!r}, not {self.config.preset!r}")
+
+
+@contextlib.contextmanager
+def _same_version(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        reason = f"{type(error).__name__} {error}".splitlines()[-1].strip()
+        raise CheckpointError(f"{path}: is no checkpoint of this version: {reason}") from None
 
 
 @contextlib.contextmanager
