@@ -43,6 +43,8 @@ class PlayConfig:
     def __post_init__(self) -> None:
         if not 1 <= self.rollouts <= 100:
             raise InvalidConfig(f"rollouts is {self.rollouts!r}: 1 to 100 are allowed")
+        if not 0 <= self.seed < 2**63:
+            raise InvalidConfig(f"seed is {self.seed!r}: 0 or more is needed")
 
 
 def train(config: Flat[TrainConfig]) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hotice.errors import InvalidConfig
-from hotice.sim.config import TaskConfig
+from hotice.sim.config import TaskConfig, get_preset
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +55,10 @@ class PpoConfig:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
+        for name in ("entropy", "value_weight", "mirror_weight"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +107,17 @@ class TrainConfig:
             raise InvalidConfig(
                 f"{self.num_envs} environments x {self.ppo.steps} steps do not divide into {self.ppo.minibatches} minibatches"
             )
-        if not (np.isfinite(self.max_minutes) and self.max_minutes >= 0):
-            raise InvalidConfig(f"max_minutes is {self.max_minutes!r}: a finite number of at least 0 is needed")
+        for name in ("max_minutes", "checkpoint_minutes", "checkpoint_updates", "threads", "seed"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and 0 <= value < 2**63):
+                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        if self.updates < 1:
+            raise InvalidConfig(f"updates is {self.updates!r}: at least 1 is needed")
+        for name in ("hidden", "critic_hidden"):
+            if not getattr(self, name) or min(getattr(self, name)) < 1:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: one or more sizes of at least 1 are needed")
+        if not all(np.isfinite(s) and s > 0 for s in self.init_std):
+            raise InvalidConfig(f"init_std is {self.init_std!r}: finite numbers above 0 are needed")
+        get_preset(self.preset)
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")

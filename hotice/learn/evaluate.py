@@ -70,6 +70,9 @@ class EvaluateConfig:
         for name in ("rollouts", "batch", "objects"):
             if getattr(self, name) < 1:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
+        for name in ("seed", "threads"):
+            if not 0 <= getattr(self, name) < 2**63:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 or more is needed")
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
 

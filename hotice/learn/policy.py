@@ -1,7 +1,7 @@
 """A policy as a thing that acts: from a checkpoint, or from one ONNX file that holds normaliser and actors.
 
 The ONNX file carries its own description (preset, observation layout, task constants, what trained it) and the SHA-256 of
-its graph, so a changed file or one for another observation is refused when it is loaded.
+both, so a changed file or one for another observation is refused when it is loaded.
 """
 
 from __future__ import annotations
@@ -104,12 +104,13 @@ def torch_policy(path: Path) -> TorchPolicy:
             tuple(config["init_std"]),
         )  # fmt: skip
         net.load_state_dict({k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
+        described = policy_meta(meta)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise CheckpointError(
             f"{path}: is no checkpoint of this version: {str(error).splitlines()[-1].strip()}"
         ) from None
     net.eval()
-    return TorchPolicy(str(path), policy_meta(meta), net)
+    return TorchPolicy(str(path), described, net)
 
 
 def policy_meta(meta: dict[str, Any]) -> dict[str, Any]:
@@ -146,7 +147,7 @@ def export_onnx(policy: TorchPolicy, path: Path) -> Path:
     assert program is not None
     model = program.model_proto
     del model.metadata_props[:]
-    meta = {**policy.meta, "sha256": _graph_hash(model)}
+    meta = {**policy.meta, "sha256": _hash(model, policy.meta)}
     model.metadata_props.append(onnx.StringStringEntryProto(key=KEY, value=json.dumps(meta)))
     buffer = io.BytesIO()
     onnx.save_model(model, buffer, save_as_external_data=False)
@@ -184,9 +185,10 @@ def read_onnx_meta(content: bytes, path: Path) -> dict[str, Any]:
     except ValueError:
         raise CheckpointError(f"{path}: description of the policy is not JSON: the file was changed") from None
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
-        raise CheckpointError(f"{path}: policy format is {meta.get('format')!r}: known is {FORMAT!r}")
+        got = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
+        raise CheckpointError(f"{path}: policy format is {got!r}: known is {FORMAT!r}")
     del model.metadata_props[:]
-    if _graph_hash(model) != meta.get("sha256"):
+    if _hash(model, {k: v for k, v in meta.items() if k != "sha256"}) != meta.get("sha256"):
         raise CheckpointError(f"{path}: truncated or changed since it was exported (SHA-256 differs)")
     return meta
 
@@ -203,8 +205,10 @@ def check_layout(policy: Policy, layout: list[tuple[str, int]]) -> None:
     )
 
 
-def _graph_hash(model: Any) -> str:
-    return hashlib.sha256(model.SerializeToString(deterministic=True)).hexdigest()
+def _hash(model: Any, meta: dict[str, Any]) -> str:
+    """SHA-256 of the graph and of what the file says of itself."""
+    content = model.SerializeToString(deterministic=True) + json.dumps(meta, sort_keys=True).encode()
+    return hashlib.sha256(content).hexdigest()
 
 
 def _read(path: Path) -> bytes:

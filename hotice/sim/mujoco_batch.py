@@ -35,7 +35,7 @@ class MujocoBatch:
         self.device = torch.device("cpu")
         self.models = list(models)
         first = copy.copy(self.models[0])
-        first.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must stay visible to the task
+        first.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must stay visible
         self.batch = mujoco.batch.Batch(first, num_envs, nthread=threads, persistent=True)
         self.qpos, self.qvel, self.ctrl = (_view(self.batch.bind(n)) for n in ("qpos", "qvel", "ctrl"))
         self._warmstart = _view(self.batch.bind("qacc_warmstart"))
