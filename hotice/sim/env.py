@@ -164,9 +164,9 @@ class TransportEnv:
     def step(self, action: Tensor) -> Step:
         """One control step (20 ms) with actions (N, 20)."""
         self._act(action)
+        push(self.physics, self.config, self.generator)
         self.physics.step(self.config.substeps)
         unstable = self._contain()
-        push(self.physics, self.config, self.generator)
         s = self.snapshot()
         outcome = self._outcome(s, unstable)
         truncated = outcome == OUTCOMES.index("timeout")
