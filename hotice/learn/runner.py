@@ -65,6 +65,9 @@ class Runner:
         self.steps = 0
         self._saved_at = time.monotonic()
         self.obs, self.critic_obs = env.reset()
+        env.memory.step.copy_(  # the first episodes end at different times, so that a rollout holds all phases of an episode
+            torch.randint(0, env.config.max_steps, (env.num_envs,), generator=env.generator, device=env.device)
+        )
         if config.init is not None:
             self.load_learner(config.init)
         if config.resume and list_checkpoints(config.out):
@@ -106,6 +109,7 @@ class Runner:
         log["seconds/collect"], log["seconds/learn"] = middle - begin, time.monotonic() - middle
         log["steps_per_s"] = self.env.num_envs * self.config.ppo.steps / (time.monotonic() - begin)
         log["reward"] = float(self.rollout.reward.mean())
+        log |= {f"term/{name}": value for name, value in self.terms.items()}
         log["unstable"] = float(self.env.unstable)
         return log
 
