@@ -29,8 +29,8 @@ class CarryBank:
     models: tuple[mujoco.MjModel, ...]
     qpos: Tensor  # (M, 34)
     target: Tensor  # (M, 20)
-    cover_centre: Tensor  # (M, 27, 3)
-    cover_radius: Tensor  # (M, 27)
+    cover_centre: Tensor  # (M, 99, 3)
+    cover_radius: Tensor  # (M, 99)
     grasp: Grasp
 
     @classmethod
