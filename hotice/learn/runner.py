@@ -156,7 +156,7 @@ class Runner:
             tensors |= {f"optimizer.{index}.{k}": torch.as_tensor(v) for k, v in state.items()}
         tensors |= {f"env.{k}": v for k, v in self.env.state().items()}
         tensors["generator"] = self.algo.generator.get_state()
-        tensors["reached"] = self.stats.reached
+        tensors["reached"], tensors["touched"] = self.stats.reached, self.stats.touched
         tensors["curriculum"] = self.curriculum.rate
         meta: dict[str, Any] = {
             "steps": self.steps, "minutes": self.minutes, "skipped": self.algo.skipped,
@@ -185,6 +185,7 @@ class Runner:
                 {k.removeprefix("env."): v for k, v in tensors.items() if k.startswith("env.")}
             )
             self.stats.reached.copy_(tensors["reached"])
+            self.stats.touched.copy_(tensors["touched"])
             self.curriculum.rate.copy_(tensors["curriculum"])
 
     def load_learner(self, path: Path) -> None:

@@ -12,11 +12,13 @@ from hotice.sim.terminations import OUTCOMES
 class EpisodeStatistics:
     """Collects ended episodes since the last `pop`, in all and by scene.
 
-    Success here is the first arrival: the root came within the goal radius before the episode ended, whatever ended it.
+    Success here is the first arrival: the root came within the goal radius before robot or object had touched an obstacle and
+    before the episode ended, whatever ended it.
     """
 
     def __init__(self, num_envs: int, num_scenes: int, device: torch.device) -> None:
         self.reached = torch.zeros(num_envs, dtype=torch.bool, device=device)
+        self.touched = torch.zeros(num_envs, dtype=torch.bool, device=device)
         self.ended = torch.zeros(num_scenes, device=device)
         self.outcomes = torch.zeros(len(OUTCOMES), device=device)
         self.successes = torch.zeros(num_scenes, device=device)
@@ -26,7 +28,8 @@ class EpisodeStatistics:
 
     def add(self, step: Step) -> None:
         """Takes in one control step."""
-        self.reached |= step.reached
+        self.touched |= step.touched
+        self.reached |= step.reached & ~self.touched
         done = step.outcome > 0
         scene = step.scene[done]
         ones = torch.ones(len(scene), device=scene.device)
@@ -39,6 +42,7 @@ class EpisodeStatistics:
         self.distance += step.goal_distance[done].sum()
         self.length += step.length[done].sum()
         self.reached[done] = False
+        self.touched[done] = False
 
     def pop(self) -> tuple[dict[str, float], Tensor, Tensor]:
         """Means since the last call, ended episodes and successes by scene (S,); then starts anew."""

@@ -77,9 +77,9 @@ class TaskConfig:
     """Joint target offset of the arms per unit action (ours)."""
     action_limit: float = 4.0
     """Actions are clipped to ± this (ours)."""
-    speed_m_s: float = 0.6
-    """Commanded speed: the size of the attractive force, eta = 0.6 (paper)."""
-    stop_gain_hz: float = 2.0
+    speed_m_s: float = 0.7
+    """Commanded speed (ours; the attractive force alone, eta = 0.6, leaves too little time for 2 m in 5 s)."""
+    stop_gain_hz: float = 4.0
     """Near the goal the commanded speed is this times the distance (ours)."""
     goal_radius_m: float = 0.1
     """Success: root within this distance of the goal, horizontally (paper)."""
@@ -111,6 +111,8 @@ class TaskConfig:
     """Mean time between pushes (CAT: 5 to 10)."""
     collisions: bool = True
     """Whether a collision of robot or object ends the episode."""
+    tolerance_m: float = 0.0
+    """Training curriculum: penetrations up to this deep are penalised but do not end the episode (ours)."""
     end_at_goal: bool = False
     """Whether reaching the goal ends the episode (evaluation)."""
 

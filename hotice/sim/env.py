@@ -39,7 +39,8 @@ class Step:
     policy (N, O), critic (N, C): observations, after the restart where one happened.
     final_critic (N, C): the same before any restart. reward (N, A): one stream an agent.
     terminated, truncated (N,): failure or success, and time out. outcome (N,): index into `OUTCOMES`, 0 while running.
-    goal_distance (N,): root to goal [m] before any restart. scene, model (N,): ids of the episode that made this step.
+    goal_distance (N,): root to goal [m] before any restart. reached (N,): within the goal radius. touched (N,): robot or
+    object intrudes into an obstacle, by the sphere cover. scene, model (N,): ids of the episode that made this step.
     """
 
     policy: Tensor
@@ -52,6 +53,7 @@ class Step:
     outcome: Tensor
     goal_distance: Tensor
     reached: Tensor
+    touched: Tensor
     scene: Tensor
     model: Tensor
     length: Tensor
@@ -188,7 +190,8 @@ class TransportEnv:
         return Step(
             policy=policy, critic=critic, final_critic=final_critic, reward=reward, terms=terms,
             terminated=terminated, truncated=truncated, outcome=outcome, goal_distance=s.goal_distance,
-            reached=s.goal_distance < self.config.goal_radius_m, scene=scene, model=model, length=length,
+            reached=s.goal_distance < self.config.goal_radius_m,
+            touched=torch.minimum(s.clearance, s.object_clearance) < 0.0, scene=scene, model=model, length=length,
         )  # fmt: skip
 
     def _act(self, action: Tensor) -> None:
@@ -258,7 +261,7 @@ class TransportEnv:
         )
         robot_gap, object_gap = self._clearances(motion, scene, model)
         if self.physics.hits is None:
-            robot_hit, object_hit = robot_gap < 0.0, object_gap < 0.0
+            robot_hit, object_hit = robot_gap < -cfg.tolerance_m, object_gap < -cfg.tolerance_m
         else:
             robot_hit, object_hit = self.physics.hits[rows].unbind(1)
         ends = motion.p_WK[:, NUM_SGF + 2 :, 2]

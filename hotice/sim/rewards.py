@@ -39,7 +39,7 @@ REWARDS: tuple[Reward, ...] = (
     Reward("ogf_hands", S, 0.15, terms.ogf_hands, "paper IV-A"),
     Reward("ogf_object", S, 0.25, terms.ogf_object, "paper IV-A"),
     Reward("object_lift", S, 0.5, terms.object_lift, "paper IV-B"),
-    Reward("clearance", S, -1.5, terms.clearance, "ours"),
+    Reward("clearance", S, -2.0, terms.clearance, "ours"),
     # L: locomotion and balance
     Reward("progress", L, 3.0, terms.progress, "ours"),
     Reward("arrival", L, 2.0, terms.arrival, "paper V-A"),

@@ -56,8 +56,12 @@ def object_lift(s: Snapshot) -> Tensor:
 
 
 def clearance(s: Snapshot) -> Tensor:
-    """How far robot and object intrude into the last 5 cm before an obstacle, 0 to 2."""
-    return sum(torch.clamp(1.0 - d / 0.05, 0.0, 1.0) for d in (s.clearance, s.object_clearance))  # type: ignore[return-value]
+    """How far robot and object intrude into the last 5 cm before an obstacle, and into it: 0 to 2 each."""
+    return _intrusion(s.clearance) + _intrusion(s.object_clearance)
+
+
+def _intrusion(distance: Tensor) -> Tensor:
+    return torch.clamp(1.0 - distance / 0.05, 0.0, 2.0)
 
 
 # lower body: locomotion and balance -------------------------------------------------------------------------------------
