@@ -130,8 +130,10 @@ class TaskConfig:
             "swing_height_m",
             "start_noise_m",
             "start_yaw_noise_rad",
+            "anywhere_yaw_noise_rad",
             "joint_noise_rad",
             "push_m_s",
+            "tolerance_m",
         ):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
