@@ -42,9 +42,7 @@ def reflected_scene(scene):
     )  # fmt: skip
     (x0, y0, z0), (x1, y1, z1) = scene.bounds_m
     x, y, yaw = scene.start
-    return Scene(
-        scene.name + "_reflected", ((x0, -y1, z0), (x1, -y0, z1)), (x, -y, -yaw), flip(scene.goal), obstacles
-    )
+    return Scene(scene.name + "_reflected", ((x0, -y1, z0), (x1, -y0, z1)), (x, -y, -yaw), flip(scene.goal), obstacles)
 
 
 def reflected_joints(values):
@@ -117,7 +115,9 @@ def test_observation_of_the_mirrored_state_is_the_mirrored_observation(pair):
         part = slice(offset, offset + width)
         # the grid is solved anew in the reflected scene: its marching order differs
         atol = 1e-2 if name in ("sgf", "ogf", "command") else 1e-4
-        torch.testing.assert_close(b[:, part], mirrored[:, part], atol=atol, rtol=1e-4, msg=lambda m, n=name: f"{n}: {m}")
+        torch.testing.assert_close(
+            b[:, part], mirrored[:, part], atol=atol, rtol=1e-4, msg=lambda m, n=name: f"{n}: {m}"
+        )
         assert a[:, part].abs().max() > 0, f"{name} is exercised"
         offset += width
 
@@ -134,7 +134,9 @@ def test_rewards_do_not_change_under_reflection(pair):
     env, image = pair
     a, b = env.snapshot(), image.snapshot()
     for row in REWARDS:
-        torch.testing.assert_close(row.term(b), row.term(a), atol=1e-2, rtol=1e-3, msg=lambda m, r=row: f"{r.name}: {m}")
+        torch.testing.assert_close(
+            row.term(b), row.term(a), atol=1e-2, rtol=1e-3, msg=lambda m, r=row: f"{r.name}: {m}"
+        )
 
 
 def test_mirroring_twice_changes_nothing():
