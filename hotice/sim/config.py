@@ -79,7 +79,7 @@ class TaskConfig:
     """Actions are clipped to ± this (ours)."""
     speed_m_s: float = 0.7
     """Commanded speed (ours; the attractive force alone, eta = 0.6, leaves too little time for 2 m in 5 s)."""
-    stop_gain_hz: float = 4.0
+    stop_gain_hz: float = 3.0
     """Near the goal the commanded speed is this times the distance (ours)."""
     goal_radius_m: float = 0.1
     """Success: root within this distance of the goal, horizontally (paper)."""
