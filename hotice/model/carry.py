@@ -13,11 +13,11 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from hotice.errors import CarryInfeasible, InvalidConfig
 from hotice.model import builder, g1
 from hotice.model.frames import quat_from_axis_angle
+from hotice.model.least_squares import minimize
 from hotice.model.objects import Box, CarriedObject, Cylinder
 
 GRAVITY = 9.81
@@ -98,6 +98,8 @@ class _Kinematics:
         self.hand_body = {s: self.model.body(f"{s}_wrist_yaw_link").id for s in g1.SIDES}
         self.foot_body = {s: self.model.body(f"{s}_ankle_roll_link").id for s in g1.SIDES}
         self.sole_id = {s: [self.model.geom(f"{s}_sole_{i}").id for i in range(4)] for s in g1.SIDES}
+        self.joint_id = {j: self.model.joint(j).id for j in g1.ALL_JOINTS}
+        self.left_arm = [self.joint_id[j] for j in (*g1.ARM_JOINTS[:4], *g1.WRIST_JOINTS[:3])]
         self.palm_radius = float(self.model.geom_size[self.palm_id["left"][0], 0])
         self.range = self.model.jnt_range[[self.model.joint(j).id for j in g1.ACTION_JOINTS]]
         self.wrist_range = self.model.jnt_range[[self.model.joint(j).id for j in g1.WRIST_JOINTS]]
@@ -118,20 +120,37 @@ class _Kinematics:
         """Centres of the palm spheres, (4, 3) relative to the pelvis, in world directions."""
         return self.data.geom_xpos[self.palm_id[side]].copy()
 
+    def point_jacobian(self, points: NDArray, joints: list[int]) -> NDArray:
+        """Of points (N, 3) carried by all of the joint ids, by their angles: axis × arm, (N, 3, J)."""
+        arm = points[:, None] - self.data.xanchor[joints]
+        return np.moveaxis(np.cross(self.data.xaxis[joints], arm), 1, 2)
 
-def _shape_distance(carried: CarriedObject, p_O: NDArray) -> NDArray:
-    """Signed distance to the object's surface, (N, 3) in O -> (N,)."""
+
+def _shape_distance(carried: CarriedObject, p_O: NDArray) -> tuple[NDArray, NDArray]:
+    """Signed distance to the object's surface and its gradient, (N, 3) in O -> (N,), (N, 3)."""
     if isinstance(carried, Box):
-        d = np.abs(p_O) - carried.half_extents_m
-        return np.linalg.norm(np.maximum(d, 0), axis=1) + np.minimum(d.max(axis=1), 0)
-    if isinstance(carried, Cylinder):
-        d = np.stack([np.hypot(p_O[:, 0], p_O[:, 1]) - carried.radius_m, np.abs(p_O[:, 2]) - 0.5 * carried.length_m], 1)
-        return np.linalg.norm(np.maximum(d, 0), axis=1) + np.minimum(d.max(axis=1), 0)
-    return np.linalg.norm(p_O, axis=1) - carried.radius_m
+        out = np.abs(p_O) - carried.half_extents_m  # beyond each pair of faces
+        normal = np.sign(p_O)[:, :, None] * np.eye(3)
+    elif isinstance(carried, Cylinder):
+        radial = np.hypot(p_O[:, 0], p_O[:, 1])
+        out = np.stack([radial - carried.radius_m, np.abs(p_O[:, 2]) - 0.5 * carried.length_m], axis=1)
+        normal = np.zeros((len(p_O), 2, 3))
+        normal[:, 0, :2] = p_O[:, :2] / np.maximum(radial, 1e-12)[:, None]
+        normal[:, 1, 2] = np.sign(p_O[:, 2])
+    else:
+        radial = np.linalg.norm(p_O, axis=1, keepdims=True)
+        out, normal = radial - carried.radius_m, (p_O / np.maximum(radial, 1e-12))[:, None]
+    outside = np.maximum(out, 0.0)
+    length = np.sqrt((outside**2).sum(axis=1))
+    weight = np.where(
+        length[:, None] > 0, outside / np.maximum(length, 1e-300)[:, None], out == out.max(axis=1)[:, None]
+    )
+    return length + np.minimum(out.max(axis=1), 0.0), (weight[:, :, None] * normal).sum(axis=1)
 
 
 LEFT_ARM = slice(g1.UPPER.start, g1.UPPER.start + 4)
 RIGHT_ARM = slice(g1.UPPER.start + 4, g1.UPPER.stop)
+ARM_GUESS = np.array([0.1, 0.1, 0.05, -0.3, -0.1, 0.0, -0.05])  # hands ahead, wrists straight [rad]
 RIGHT_SIGN = g1.mirror_joints()[1][RIGHT_ARM]
 WRIST_SIGN = np.array([-1.0, 1.0, -1.0])  # roll, pitch, yaw
 
@@ -142,10 +161,11 @@ def _set_arms(kin: _Kinematics, angles: NDArray) -> None:
     kin.wrist[:3], kin.wrist[3:] = angles[4:], WRIST_SIGN * angles[4:]
 
 
-def _solve_arms(kin: _Kinematics, carried: CarriedObject) -> tuple[NDArray, float]:
+def _solve_arms(kin: _Kinematics, carried: CarriedObject, guess: NDArray | None) -> tuple[NDArray, NDArray, float]:
     """Arm and wrist angles and object position (relative to the pelvis, world directions); upright, centred in y.
 
-    Returns the object position (3,) and the largest residual gap [m] between palm spheres and object.
+    Returns the solution (9,), left arm and wrist angles, then x and z of the object, a `guess` for the next call; the
+    object position (3,); and the largest residual gap [m] between palm spheres and object.
     """
     half = carried.half_extents_m
     lower = np.concatenate([kin.range[LEFT_ARM, 0], kin.wrist_range[:3, 0]])
@@ -155,63 +175,60 @@ def _solve_arms(kin: _Kinematics, carried: CarriedObject) -> tuple[NDArray, floa
     knees = np.array([kin.data.xpos[kin.model.body(f"{s}_knee_link").id] for s in g1.SIDES])  # from the legs' solution
     thighs_below = knees[:, 0].max() + 0.06 > x_front - half[0]
     z_low = max(0.02, knees[:, 2].max() + 0.06 + half[2] + 0.01) if thighs_below else 0.02
-    z_wish = max(0.10, z_low)
-    natural = np.array([0.0, 0.1, 0.0, 0.3, 0.0, 0.0, 0.0])
+    wish = np.array([0.0, 0.1, 0.0, 0.3, 0.0, 0.0, 0.0, x_front, max(0.10, z_low)])  # close to the chest, elbow height
+    weight = np.array([0.02] * 4 + [0.06] * 3 + [1.0, 1.0])  # wrists as straight as they can be
 
-    def residual(v: NDArray) -> NDArray:
+    def residual(v: NDArray, touch: float) -> tuple[NDArray, NDArray]:
         _set_arms(kin, v[:7])
         kin.update()
-        p_O = kin.palms("left") - np.array([v[7], 0.0, v[8]])
-        gap = _shape_distance(carried, p_O) - kin.palm_radius
-        centre = p_O.mean(axis=0)
-        return np.concatenate(
-            [
-                400.0 * (gap + PRELOAD_M),  # every palm sphere touches
-                [30.0 * centre[0], 10.0 * centre[2]],  # in the middle of the side
-                [1.0 * (v[7] - x_front), 1.0 * (v[8] - z_wish)],  # close to the chest, at elbow height
-                0.02 * (v[:4] - natural[:4]),
-                0.06 * v[4:7],  # wrists as straight as they can be
-            ]
-        )
+        palms = kin.palms("left")
+        p_O = palms - np.array([v[7], 0.0, v[8]])
+        distance, normal = _shape_distance(carried, p_O)
+        by_v = np.zeros((4, 3, 9))
+        by_v[:, :, :7] = kin.point_jacobian(palms, kin.left_arm)
+        by_v[:, 0, 7] = by_v[:, 2, 8] = -1.0
+        gap = touch * (distance - kin.palm_radius + PRELOAD_M)  # every palm sphere touches
+        middle = np.array([30.0, 10.0])  # in the middle of the side
+        centre, centre_by_v = p_O.mean(axis=0)[[0, 2]], by_v.mean(axis=0)[[0, 2]]
+        rows = [touch * np.einsum("ni,niv->nv", normal, by_v), middle[:, None] * centre_by_v, np.diag(weight)]
+        return np.concatenate([gap, middle * centre, weight * (v - wish)]), np.concatenate(rows)
 
-    start = np.concatenate([np.clip(natural, lower + 0.05, upper - 0.05), [x_front + 0.03, z_wish]])
-    fit = least_squares(
-        residual,
-        start,
-        bounds=(np.append(lower + 0.02, [x_front, z_low]), np.append(upper - 0.02, [x_front + 0.30, z_low + 0.5])),
-        xtol=1e-10, ftol=1e-10, max_nfev=200,
-    )  # fmt: skip
-    residual(fit.x)
-    object_pos = np.array([fit.x[7], 0.0, fit.x[8]])
-    gap = _shape_distance(carried, kin.palms("left") - object_pos) - kin.palm_radius
-    return object_pos, float(np.abs(gap).max())
+    low, high = np.append(lower + 0.02, [x_front, z_low]), np.append(upper - 0.02, [x_front + 0.30, z_low + 0.5])
+    if guess is None:  # stiff contact from afar follows a curved valley in small steps and may end in a bent-back wrist
+        guess = minimize(lambda v: residual(v, 12.0), np.append(ARM_GUESS, [x_front + 0.03, wish[8]]), low, high)
+    found = minimize(lambda v: residual(v, 400.0), guess, low, high)
+    residual(found, 400.0)
+    object_pos = np.array([found[7], 0.0, found[8]])
+    gap = _shape_distance(carried, kin.palms("left") - object_pos)[0] - kin.palm_radius
+    return found, object_pos, float(np.abs(gap).max())
 
 
 def _solve_legs(kin: _Kinematics, posture: Posture, carried: CarriedObject | None, object_pos: NDArray) -> None:
     """Hip pitch, knee and ankle pitch such that the soles are level at the wished depth and under the centre of mass."""
-    index = {n: i for i, n in enumerate(g1.ACTION_JOINTS)}
-    cols = {k: [index[f"{s}_{k}_joint"] for s in g1.SIDES] for k in ("hip_pitch", "knee", "ankle_pitch")}
+    joints = {s: [f"{s}_{k}_joint" for k in ("hip_pitch", "knee", "ankle_pitch")] for s in g1.SIDES}
+    index = {s: [g1.ACTION_JOINTS.index(j) for j in joints[s]] for s in g1.SIDES}
+    left = [kin.joint_id[j] for j in joints["left"]]
+    dofs = {s: [kin.action_dof[i] for i in index[s]] for s in g1.SIDES}
     mass = float(kin.model.body_mass.sum())
     load = 0.0 if carried is None else carried.mass_kg
+    com_by_q = np.zeros((3, kin.model.nv))
 
-    def residual(v: NDArray) -> NDArray:
-        for (_, joints), angle in zip(cols.items(), v, strict=True):
-            kin.q[joints] = angle
+    def residual(v: NDArray) -> tuple[NDArray, NDArray]:
+        kin.q[index["left"]] = kin.q[index["right"]] = v
         kin.update()
         mujoco.mj_comPos(kin.model, kin.data)
-        com = (mass * kin.data.subtree_com[0] + load * object_pos) / (mass + load)
-        soles = kin.data.geom_xpos[kin.sole_id["left"]]
-        front, back = soles[2:].mean(axis=0), soles[:2].mean(axis=0)
-        sole_z = 0.5 * (front + back)[2] - 0.005
-        return np.array([sole_z + posture.pelvis_height_m, front[2] - back[2], 0.5 * (front + back)[0] - com[0]])
+        mujoco.mj_jacSubtreeCom(kin.model, kin.data, com_by_q, 1)
+        com_x = (mass * kin.data.subtree_com[0, 0] + load * object_pos[0]) / (mass + load)
+        com_x_by_v = mass / (mass + load) * (com_by_q[0, dofs["left"]] + com_by_q[0, dofs["right"]])
+        soles = kin.data.geom_xpos[kin.sole_id["left"]]  # two at the heel, two at the toe
+        ends, ends_by_v = (a.reshape(2, 2, *a.shape[1:]).mean(axis=1) for a in (soles, kin.point_jacobian(soles, left)))
+        middle, middle_by_v = ends.mean(axis=0), ends_by_v.mean(axis=0)
+        r = [middle[2] - 0.005 + posture.pelvis_height_m, ends[1, 2] - ends[0, 2], middle[0] - com_x]
+        return np.array(r), np.stack([middle_by_v[2], ends_by_v[1, 2] - ends_by_v[0, 2], middle_by_v[0] - com_x_by_v])
 
     bend = float(np.arccos(np.clip((posture.pelvis_height_m - 0.1) / 0.69, -1, 1)))
-    fit = least_squares(
-        residual, [-bend - posture.lean_rad, 2 * bend, -bend],
-        bounds=(kin.range[[c[0] for c in cols.values()], 0], kin.range[[c[0] for c in cols.values()], 1]),
-        xtol=1e-12, ftol=1e-12,
-    )  # fmt: skip
-    worst = float(np.abs(residual(fit.x)).max())
+    found = minimize(residual, [-bend - posture.lean_rad, 2 * bend, -bend], *kin.range[index["left"]].T)
+    worst = float(np.abs(residual(found)[0]).max())
     if worst > 1e-3:
         raise CarryInfeasible(
             f"no stance with the pelvis at {posture.pelvis_height_m:.2f} m and lean {posture.lean_rad:.2f} rad keeps the "
@@ -268,10 +285,10 @@ def solve_carry(
         )
     kin = _Kinematics(posture)
     object_pos = np.array([0.35, 0.0, 0.1])
-    gap = np.inf
+    arms, gap = None, np.inf
     for _ in range(2):  # legs and arms see each other through the centre of mass and the thighs
         _solve_legs(kin, posture, carried, object_pos)
-        object_pos, gap = _solve_arms(kin, carried)
+        arms, object_pos, gap = _solve_arms(kin, carried, arms)
     if gap > MAX_GAP_M:
         width = 200.0 * carried.half_extents_m[1]
         raise CarryInfeasible(
@@ -291,7 +308,8 @@ def solve_carry(
     soles = kin.data.geom_xpos[[i for ids in kin.sole_id.values() for i in ids]]
     root = np.array([-soles[:, 0].mean(), 0.0, 0.005 - soles[:, 2].min()])
     return CarryState(
-        carried=carried, posture=posture, joint_pos=kin.q.copy(), wrist_pos=kin.wrist.copy(), joint_target=kin.q + torque / kp, torque=torque,
+        carried=carried, posture=posture, joint_pos=kin.q.copy(), wrist_pos=kin.wrist.copy(),
+        joint_target=kin.q + torque / kp, torque=torque,
         root_pos_W=root, quat_WP=np.asarray(kin.quat_WP), object_pos_W=object_pos + root,
         quat_WO=np.array([1.0, 0.0, 0.0, 0.0]), squeeze_n=squeeze,
     )  # fmt: skip
