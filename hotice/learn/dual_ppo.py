@@ -57,7 +57,7 @@ class DualPpo:
         result = {key: sum(values) / len(values) for key, values in log.items()}
         for agent, group in zip(net.agents, self.optimizer.param_groups, strict=True):
             result[f"learning_rate/{agent.name}"] = group["lr"]
-            result[f"std/{agent.name}"] = float(net.std()[agent.actions].mean())
+            result[f"std/{agent.name}"] = float(net.std()[agent.actions].detach().mean())
         result["skipped_minibatches"] = float(self.skipped)
         return result
 

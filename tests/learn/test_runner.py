@@ -1,0 +1,121 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+
+from hotice.errors import CheckpointError
+from hotice.learn.checkpoint import META, TENSORS, list_checkpoints, load_checkpoint, save_checkpoint, sha256
+from hotice.learn.runner import Runner
+
+
+def newest(out):
+    return load_checkpoint(out)[0]
+
+
+def differing(a, b):
+    assert set(a) == set(b)
+    return [k for k in a if not torch.equal(a[k], b[k])]
+
+
+def test_a_run_writes_what_it_needs(run, tiny):
+    names = {p.name for p in run.iterdir()}
+    assert {"config.json", "log.jsonl", "tensorboard", "checkpoint-0000002"} <= names
+    rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert [r["update"] for r in rows] == [1, 2] and rows[-1]["steps"] == 2 * 64
+    meta = load_checkpoint(run)[1]
+    assert meta["steps"] == 128 and meta["config"]["num_envs"] == 8
+
+
+def test_learning_changes_every_network(run, tiny, tmp_path):
+    before = Runner(tiny(tmp_path / "x")).net.state_dict()
+    after = newest(run)
+    for agent in ("low", "up"):
+        for part in ("actor.0.weight", "critic.0.weight", "log_std"):
+            key = f"nets.{agent}.{part}"
+            assert not torch.equal(before[key], after[f"net.{key}"]), key
+
+
+def test_two_and_two_updates_are_four_bit_for_bit(tiny, tmp_path):
+    scenes = ("open_floor", "gap")
+    Runner(tiny(tmp_path / "whole", updates=4, scenes=scenes)).train()
+    Runner(tiny(tmp_path / "parts", updates=2, scenes=scenes)).train()
+    Runner(tiny(tmp_path / "parts", updates=4, scenes=scenes, resume=True)).train()
+    a, b = newest(tmp_path / "whole"), newest(tmp_path / "parts")
+    assert differing(a, b) == []
+    Runner(tiny(tmp_path / "other", updates=4, scenes=scenes, seed=1)).train()
+    assert differing(a, newest(tmp_path / "other")) != []
+
+
+def command(out, options, *more):
+    return [sys.executable, "-m", "hotice.learn", "train", "--out", str(out), *options, *more]
+
+
+def test_resuming_through_the_command_line_is_bit_for_bit_too(tiny_options, tiny, tmp_path):
+    Runner(tiny(tmp_path / "whole", updates=3)).train()
+    Runner(tiny(tmp_path / "parts", updates=1)).train()
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    subprocess.run(
+        command(tmp_path / "parts", tiny_options, "--updates", "3", "--resume"), check=True, env=environment, timeout=300
+    )
+    assert differing(newest(tmp_path / "whole"), newest(tmp_path / "parts")) == []
+
+
+def test_a_killed_run_goes_on_from_its_last_checkpoint(tiny_options, tiny, tmp_path):
+    out = tmp_path / "run"
+    with open(tmp_path / "output", "wb") as sink:
+        process = subprocess.Popen(
+            command(out, tiny_options, "--updates", "100000", "--checkpoint-updates", "1"), stdout=sink, stderr=sink
+        )
+        deadline = time.monotonic() + 240
+        while time.monotonic() < deadline and process.poll() is None and not any(
+            int(p.name[-7:]) >= 3 for p in list_checkpoints(out)
+        ):
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL, (tmp_path / "output").read_text()
+    last = load_checkpoint(out)[1]["update"]
+    assert last >= 2
+    runner = Runner(tiny(out, updates=last + 1, resume=True))
+    assert runner.update == last
+    runner.train()
+    assert [int(p.name[-7:]) for p in list_checkpoints(out)][-1] == last + 1
+    assert not list(out.glob(".checkpoint-*")), "nothing half-written remains"
+
+
+def test_init_takes_the_learner_but_not_the_counters(run, tiny, tmp_path):
+    runner = Runner(tiny(tmp_path / "next", init=run, scenes=("gap",)))
+    saved = newest(run)
+    assert runner.update == 0 and runner.steps == 0
+    assert torch.equal(runner.net.nets["low"].log_std, saved["net.nets.low.log_std"])
+    index = next(k for k in saved if k.startswith("optimizer.") and k.endswith("exp_avg"))
+    state = runner.algo.optimizer.state_dict()["state"][int(index.split(".")[1])]
+    assert torch.equal(state["exp_avg"], saved[index])
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [(dict(preset="single_hodpf"), "trained as 'dual_hodpf'"), (dict(hidden=(17,)), "networks of another shape")],
+)
+def test_a_checkpoint_of_another_kind_is_refused(run, tiny, tmp_path, changes, message):
+    with pytest.raises(CheckpointError, match=message) as caught:
+        Runner(tiny(tmp_path, init=run, **changes))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["layout", "learning_rates", "config"])
+def test_a_checkpoint_that_lacks_something_is_refused(run, tiny, tmp_path, key):
+    tensors, meta = load_checkpoint(run)
+    meta = {k: v for k, v in meta.items() if k not in (key, "format", "sha256", "update")}
+    save_checkpoint(tmp_path / "old", 1, tensors, meta)
+    with pytest.raises(CheckpointError, match=f"no checkpoint of this version: KeyError '{key}'"):
+        Runner(tiny(tmp_path / "old", resume=True))
+
+
+def test_hash_is_of_the_tensors(run):
+    folder = list_checkpoints(run)[-1]
+    assert json.loads((folder / META).read_text())["sha256"] == sha256(folder / TENSORS)
