@@ -151,6 +151,7 @@ def _shape_distance(carried: CarriedObject, p_O: NDArray) -> tuple[NDArray, NDAr
 LEFT_ARM = slice(g1.UPPER.start, g1.UPPER.start + 4)
 RIGHT_ARM = slice(g1.UPPER.start + 4, g1.UPPER.stop)
 ARM_GUESS = np.array([0.1, 0.1, 0.05, -0.3, -0.1, 0.0, -0.05])  # hands ahead, wrists straight [rad]
+ARM_GUESS_PER_M = np.array([0.0, 2.4, 2.0, 3.0, 0.0, 0.0, 0.0])  # elbows out, per metre of half width beyond 0.15 m
 RIGHT_SIGN = g1.mirror_joints()[1][RIGHT_ARM]
 WRIST_SIGN = np.array([-1.0, 1.0, -1.0])  # roll, pitch, yaw
 
@@ -195,12 +196,16 @@ def _solve_arms(kin: _Kinematics, carried: CarriedObject, guess: NDArray | None)
 
     low, high = np.append(lower + 0.02, [x_front, z_low]), np.append(upper - 0.02, [x_front + 0.30, z_low + 0.5])
     if guess is None:  # stiff contact from afar follows a curved valley in small steps and may end in a bent-back wrist
-        guess = minimize(lambda v: residual(v, 12.0), np.append(ARM_GUESS, [x_front + 0.03, wish[8]]), low, high)
+        angles = ARM_GUESS + ARM_GUESS_PER_M * (half[1] - 0.15)
+        guess = minimize(lambda v: residual(v, 12.0), np.append(angles, [x_front + 0.03, wish[8]]), low, high)
     found = minimize(lambda v: residual(v, 400.0), guess, low, high)
     residual(found, 400.0)
     object_pos = np.array([found[7], 0.0, found[8]])
-    gap = _shape_distance(carried, kin.palms("left") - object_pos)[0] - kin.palm_radius
-    return found, object_pos, float(np.abs(gap).max())
+    p_O = kin.palms("left") - object_pos
+    distance, normal = _shape_distance(carried, p_O)
+    gap = np.abs(distance - kin.palm_radius)
+    gap = np.where(normal[:, 1] > 0.5, gap, np.abs(half[1] + kin.palm_radius - p_O[:, 1]))  # front or back is no grasp
+    return found, object_pos, float(gap.max())
 
 
 def _solve_legs(kin: _Kinematics, posture: Posture, carried: CarriedObject | None, object_pos: NDArray) -> None:
