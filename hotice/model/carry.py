@@ -204,7 +204,9 @@ def _solve_arms(kin: _Kinematics, carried: CarriedObject, guess: NDArray | None)
     p_O = kin.palms("left") - object_pos
     distance, normal = _shape_distance(carried, p_O)
     gap = np.abs(distance - kin.palm_radius)
-    gap = np.where(normal[:, 1] > 0.5, gap, np.abs(half[1] + kin.palm_radius - p_O[:, 1]))  # front or back is no grasp
+    facing = normal.mean(axis=0)
+    if facing[1] < 0.8 * np.linalg.norm(facing):  # at front, back, top or bottom: no grasp
+        gap = np.maximum(gap, np.abs(half[1] + kin.palm_radius - p_O[:, 1]))
     return found, object_pos, float(gap.max())
 
 
