@@ -109,7 +109,7 @@ class TrainConfig:
             )
         for name in ("max_minutes", "checkpoint_minutes", "checkpoint_updates", "threads", "seed"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and 0 <= value < 2**63):
+            if not 0 <= value < 2**63:  # also false for a value that is no number
                 raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
         if self.updates < 1:
             raise InvalidConfig(f"updates is {self.updates!r}: at least 1 is needed")

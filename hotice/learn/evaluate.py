@@ -189,7 +189,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     report = make_report(policy, config, scores)
     if config.out is not None:
         write_text(config.out, json.dumps(report, indent=1) + "\n")
-    print_report(report, Console())
+    print_report(report, Console(width=None if Console().is_terminal else 130))
     return report
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numba
 import pytest
 import torch
 
@@ -18,7 +19,9 @@ TINY = [
 
 @pytest.fixture(scope="session", autouse=True)
 def one_thread():
+    """Batches are small here: threads would only wait for each other."""
     torch.set_num_threads(1)
+    numba.set_num_threads(1)
 
 
 @pytest.fixture(autouse=True)

@@ -24,7 +24,10 @@ def make(agents=DUAL, **changes):
 
 @torch.no_grad()
 def filled(algo, seed=2):
-    g, r = torch.Generator().manual_seed(seed), Rollout(STEPS, ENVS, OBS, CRITIC, len(algo.net.agents), torch.device("cpu"))
+    g, r = (
+        torch.Generator().manual_seed(seed),
+        Rollout(STEPS, ENVS, OBS, CRITIC, len(algo.net.agents), torch.device("cpu")),
+    )
     for t in range(STEPS):
         r.obs[t], r.critic_obs[t] = torch.randn(ENVS, OBS, generator=g), torch.randn(ENVS, CRITIC, generator=g)
         r.value[t] = algo.net.values(r.critic_obs[t])
@@ -95,7 +98,9 @@ def test_the_objective_is_the_sum_of_both():
         ratio = (p.log_prob(batch.action[:, part]).sum(-1) - batch.log_prob[:, i]).exp()
         value = agent.critic(batch.critic_obs)[:, 0]
         loss = loss + clipped_surrogate(ratio, batch.advantage[:, i], 0.2)
-        loss = loss + 0.7 * clipped_value(value, batch.value[:, i], batch.returns[:, i], 0.2) - 0.01 * agent.log_std.sum()
+        loss = (
+            loss + 0.7 * clipped_value(value, batch.value[:, i], batch.returns[:, i], 0.2) - 0.01 * agent.log_std.sum()
+        )
     loss.backward()
     for name in ("low", "up"):
         expected = torch.cat([p.grad.flatten() for p in net.nets[name].parameters()])
@@ -127,7 +132,9 @@ def test_good_actions_become_likelier():
     before, good = r.log_prob.clone(), r.advantage > 0.5
     algo.update(r)
     with torch.no_grad():
-        after = algo._log_probs(r.action.flatten(0, 1), algo.net.mean(r.obs.flatten(0, 1)), algo.net.std()).view_as(before)
+        after = algo._log_probs(r.action.flatten(0, 1), algo.net.mean(r.obs.flatten(0, 1)), algo.net.std()).view_as(
+            before
+        )
     assert (after - before)[good].mean() > 0.01
 
 

@@ -14,19 +14,46 @@ def flags(*values):
 
 
 def test_by_hand_without_an_end():
-    result = gae(column(1.0, 2.0), column(0.5, 1.5), torch.tensor([[3.0]]), column(9.0, 9.0), flags(0, 0), flags(0, 0), GAMMA, LAM)
+    result = gae(
+        column(1.0, 2.0),
+        column(0.5, 1.5),
+        torch.tensor([[3.0]]),
+        column(9.0, 9.0),
+        flags(0, 0),
+        flags(0, 0),
+        GAMMA,
+        LAM,
+    )
     last = 2.0 + 0.9 * 3.0 - 1.5  # 3.2
     first = 1.0 + 0.9 * 1.5 - 0.5 + 0.72 * last
     torch.testing.assert_close(result, column(first, last))
 
 
 def test_termination_stops_everything():
-    result = gae(column(1.0, 2.0), column(0.5, 1.5), torch.tensor([[3.0]]), column(9.0, 9.0), flags(1, 0), flags(0, 0), GAMMA, LAM)
+    result = gae(
+        column(1.0, 2.0),
+        column(0.5, 1.5),
+        torch.tensor([[3.0]]),
+        column(9.0, 9.0),
+        flags(1, 0),
+        flags(0, 0),
+        GAMMA,
+        LAM,
+    )
     torch.testing.assert_close(result, column(1.0 - 0.5, 3.2))
 
 
 def test_time_out_uses_the_value_of_the_last_observation():
-    result = gae(column(1.0, 2.0), column(0.5, 1.5), torch.tensor([[3.0]]), column(4.0, 9.0), flags(0, 0), flags(1, 0), GAMMA, LAM)
+    result = gae(
+        column(1.0, 2.0),
+        column(0.5, 1.5),
+        torch.tensor([[3.0]]),
+        column(4.0, 9.0),
+        flags(0, 0),
+        flags(1, 0),
+        GAMMA,
+        LAM,
+    )
     torch.testing.assert_close(result, column(1.0 + 0.9 * 4.0 - 0.5, 3.2))
 
 
@@ -50,7 +77,16 @@ def test_streams_and_environments_do_not_mix():
     for n in range(3):
         for a in range(2):
             i, j = slice(n, n + 1), slice(a, a + 1)
-            part = gae(reward[:, i, j], value[:, i, j], last[i, j], final[:, i, j], terminated[:, i], truncated[:, i], GAMMA, LAM)
+            part = gae(
+                reward[:, i, j],
+                value[:, i, j],
+                last[i, j],
+                final[:, i, j],
+                terminated[:, i],
+                truncated[:, i],
+                GAMMA,
+                LAM,
+            )
             torch.testing.assert_close(part, whole[:, i, j])
 
 

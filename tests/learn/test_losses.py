@@ -36,4 +36,6 @@ def test_log_prob_and_kl_against_torch():
     p, q = torch.distributions.Normal(mean, std), torch.distributions.Normal(other, std2)
     torch.testing.assert_close(log_prob(action, mean, std), p.log_prob(action).sum(-1))
     torch.testing.assert_close(kl_divergence(mean, std, other, std2), torch.distributions.kl_divergence(p, q).sum(-1))
-    assert float(log_prob(torch.zeros(1, 1), torch.zeros(1, 1), torch.ones(1))) == pytest.approx(-0.5 * math.log(2 * math.pi))
+    assert float(log_prob(torch.zeros(1, 1), torch.zeros(1, 1), torch.ones(1))) == pytest.approx(
+        -0.5 * math.log(2 * math.pi)
+    )

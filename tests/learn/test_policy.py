@@ -16,7 +16,9 @@ LAYOUT = ObservationTable(POLICY).layout()
 def test_onnx_equals_torch(run, onnx_file):
     policy, exported = torch_policy(run), load_policy(onnx_file)
     norm = policy.net.obs_norm
-    obs = norm.mean + 3.0 * norm.var.sqrt() * torch.randn(500, len(norm.mean), generator=torch.Generator().manual_seed(0))
+    obs = norm.mean + 3.0 * norm.var.sqrt() * torch.randn(
+        500, len(norm.mean), generator=torch.Generator().manual_seed(0)
+    )
     a, b = policy.act(obs), exported.act(obs)
     assert a.abs().max() > 1e-3 and (a - b).abs().max() <= 1e-5
     for count in (1, 7):
@@ -26,7 +28,9 @@ def test_onnx_equals_torch(run, onnx_file):
 def test_one_file_that_plain_onnxruntime_runs(onnx_file):
     assert [p.name for p in onnx_file.parent.iterdir()] == [onnx_file.name]
     session = onnxruntime.InferenceSession(str(onnx_file))
-    assert [i.name for i in session.get_inputs()] == ["observation"] and [o.name for o in session.get_outputs()] == ["action"]
+    assert [i.name for i in session.get_inputs()] == ["observation"] and [o.name for o in session.get_outputs()] == [
+        "action"
+    ]
     size = sum(w for _, w in LAYOUT)
     assert session.run(None, {"observation": np.zeros((3, size), np.float32)})[0].shape == (3, 20)
 

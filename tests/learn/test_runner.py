@@ -60,7 +60,10 @@ def test_resuming_through_the_command_line_is_bit_for_bit_too(tiny_options, tiny
     Runner(tiny(tmp_path / "parts", updates=1)).train()
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     subprocess.run(
-        command(tmp_path / "parts", tiny_options, "--updates", "3", "--resume"), check=True, env=environment, timeout=300
+        command(tmp_path / "parts", tiny_options, "--updates", "3", "--resume"),
+        check=True,
+        env=environment,
+        timeout=300,
     )
     assert differing(newest(tmp_path / "whole"), newest(tmp_path / "parts")) == []
 
@@ -72,8 +75,10 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint(tiny_options, tiny, tmp_p
             command(out, tiny_options, "--updates", "100000", "--checkpoint-updates", "1"), stdout=sink, stderr=sink
         )
         deadline = time.monotonic() + 240
-        while time.monotonic() < deadline and process.poll() is None and not any(
-            int(p.name[-7:]) >= 3 for p in list_checkpoints(out)
+        while (
+            time.monotonic() < deadline
+            and process.poll() is None
+            and not any(int(p.name[-7:]) >= 3 for p in list_checkpoints(out))
         ):
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
