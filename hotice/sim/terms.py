@@ -74,8 +74,8 @@ def progress(s: Snapshot) -> Tensor:
 
 
 def arrival(s: Snapshot) -> Tensor:
-    """The root is at the goal: exp(−(distance / 0.15 m)²)."""
-    return torch.exp(-(s.goal_distance / 0.15).square())
+    """The root is at the goal: two bells of the distance, 20 cm and 7 cm wide."""
+    return 0.5 * (torch.exp(-(s.goal_distance / 0.20).square()) + torch.exp(-(s.goal_distance / 0.07).square()))
 
 
 def velocity_tracking(s: Snapshot) -> Tensor:
@@ -114,10 +114,23 @@ def root_rocking(s: Snapshot) -> Tensor:
 
 
 def gait_schedule(s: Snapshot) -> Tensor:
-    """Feet touch the floor when the step clock says so: share of feet in agreement."""
-    stance = torch.where(_moving(s)[:, None] > 0.5, s.stance, torch.ones_like(s.stance))
-    swing = torch.where(_moving(s)[:, None] > 0.5, s.swing > 0, torch.zeros_like(s.stance))
-    return (stance & s.touch | swing & ~s.touch | ~stance & ~swing).float().mean(dim=1)
+    """Feet touch the floor when the step clock says so: share of feet in agreement minus share in disagreement."""
+    walking = _moving(s)[:, None] > 0.5
+    wanted = torch.where(walking, s.stance, torch.ones_like(s.stance))
+    unwanted = torch.where(walking, s.swing > 0.02, torch.zeros_like(s.stance))
+    agree = wanted & s.touch | unwanted & ~s.touch
+    disagree = wanted & ~unwanted & ~s.touch | unwanted & ~wanted & s.touch
+    return (agree.float() - disagree.float()).mean(dim=1)
+
+
+def single_support(s: Snapshot) -> Tensor:
+    """Exactly one foot carries the robot: walking rather than hopping or shuffling."""
+    return (s.touch[:, 0] ^ s.touch[:, 1]).float() * _moving(s)
+
+
+def flight(s: Snapshot) -> Tensor:
+    """Both feet are in the air."""
+    return (~s.touch).all(dim=1).float()
 
 
 def swing_height(s: Snapshot) -> Tensor:
