@@ -8,6 +8,7 @@ thighs, obstacles meet every link and the object.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import mujoco
@@ -133,8 +134,9 @@ def add_object(spec: mujoco.MjSpec, carried: CarriedObject) -> None:
 def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Adds every obstacle of the scene as static geoms.
 
-    They belong to the static body `obstacles`. A triangle mesh becomes one thin prism (1 mm) per face, because MuJoCo would replace the mesh by its convex hull:
-    what lies in a hollow of the mesh must not count as a collision.
+    They belong to the static body `obstacles`. A triangle mesh becomes one thin prism (1 mm) per face, because MuJoCo would
+    replace the mesh by its convex hull: what lies in a hollow of the mesh must not count as a collision. A body that is
+    inside solid mesh from the start, without crossing its surface, makes no contact.
     """
     body = spec.worldbody.add_body(name=OBSTACLE_BODY)
     for obstacle in scene.obstacles:
@@ -190,6 +192,9 @@ def pinocchio_model(joints: Literal[20, 29] = 29) -> pinocchio.Model:
     model = pin.buildModelFromMJCF(g1.xml_path())
     if joints == 29:
         return model
+    for frame in model.frames:  # a body and a site may share a name in MJCF, frames of a reduced model may not
+        if frame.type == pin.FrameType.OP_FRAME and frame.name == g1.ROOT_BODY:
+            frame.name += "_site"
     locked = [model.getJointId(name) for name in g1.LOCKED_JOINTS]
     return pin.buildReducedModel(model, locked, pin.neutral(model))
 
@@ -204,6 +209,6 @@ def add_to_plant(plant: MultibodyPlant) -> Sequence[ModelInstanceIndex]:
     level = log.level
     log.setLevel(logging.ERROR)  # Drake warns about each MuJoCo-only attribute
     try:
-        return Parser(plant).AddModels(g1.xml_path())
+        return Parser(plant).AddModels(Path(g1.xml_path()))
     finally:
         log.setLevel(level)

@@ -224,11 +224,6 @@ def test_pinocchio_knows_the_sites(model):
         np.testing.assert_allclose(scratch.oMf[frame].translation, data.site(name).xpos, atol=1e-9, err_msg=name)
 
 
-@pytest.mark.xfail(
-    raises=ValueError,
-    strict=True,
-    reason="pinocchio_model(20): body and site `pelvis` share a name, Pinocchio refuses it",
-)
 def test_reduced_models_agree():
     """20 joints, waist and wrists welded at zero."""
     model, other = builder.build_model(joints=20, floor=False), builder.pinocchio_model(20)

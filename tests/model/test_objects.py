@@ -41,7 +41,10 @@ def test_keypoint_frames():
     assert not Box((1, 1, 1), 1.0).keypoints_world_aligned
     np.testing.assert_allclose(Sphere(math.sqrt(3), 1.0).keypoints()[-1], [1, 1, 1])
     rim = Cylinder(0.1, 0.4, 1.0).keypoints()
-    assert (rim[:4, 2] == -0.2).all() and (rim[4:, 2] == 0.2).all()
+    assert (rim[::2, 2] == -0.2).all() and (rim[1::2, 2] == 0.2).all()
+    np.testing.assert_allclose(np.linalg.norm(rim[:, :2], axis=1), 0.1)
+    angles = np.sort(np.arctan2(rim[::2, 1], rim[::2, 0]))
+    np.testing.assert_allclose(np.diff(angles), np.pi / 2)  # evenly spaced on the rim
 
 
 def test_mujoco_sizes_are_half_extents():
