@@ -26,7 +26,9 @@ class PpoConfig:
     lam: float = 0.95
     """Decay of generalised advantages (CAT)."""
     clip: float = 0.2
-    """Clipping of the probability ratio, and of the value (CAT)."""
+    """Clipping of the probability ratio (CAT)."""
+    value_clip: float = 1.0
+    """Clipping of the value, in units of the return (ours)."""
     learning_rate: float = 1e-3
     """First learning rate; each agent's then follows its own KL divergence (FALCON)."""
     max_learning_rate: float = 3e-3
@@ -51,7 +53,7 @@ class PpoConfig:
         for name in ("gamma", "lam"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a number between 0 and 1 is needed")
-        for name in ("clip", "learning_rate", "max_learning_rate", "target_kl", "max_grad_norm", "min_std"):
+        for name in ("clip", "value_clip", "learning_rate", "max_learning_rate", "target_kl", "max_grad_norm", "min_std"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")

@@ -71,7 +71,7 @@ class DualPpo:
         for i, agent in enumerate(net.agents):
             part = agent.actions
             surrogate = clipped_surrogate(ratio[:, i], batch.advantage[:, i], cfg.clip)
-            value_loss = clipped_value(value[:, i], batch.value[:, i], batch.returns[:, i], cfg.clip)
+            value_loss = clipped_value(value[:, i], batch.value[:, i], batch.returns[:, i], cfg.value_clip)
             entropy = std[part].log().sum()
             loss = loss + surrogate + cfg.value_weight * value_loss - cfg.entropy * entropy
             with torch.no_grad():

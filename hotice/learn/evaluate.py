@@ -48,7 +48,7 @@ class EvaluateConfig:
     rollouts: int = 100
     """Trials a scene."""
     seed: int = 0
-    """Seed of objects, starts and noise."""
+    """Seed of objects and starts."""
     out: Path | None = None
     """Report file (JSON); none: only print."""
     batch: int = 256

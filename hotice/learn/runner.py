@@ -198,7 +198,7 @@ class Runner:
         with _same_version(path):
             self._restore_learner(path, tensors, meta)
         for norm, kind in ((self.net.obs_norm, "actor"), (self.net.critic_norm, "critic")):
-            constant = norm.var < 2e-4
+            constant = norm.var < 1e-5
             norm.var[constant] = 0.1
             for agent in self.net.agents:
                 first = getattr(self.net.nets[agent.name], kind)[0]

@@ -22,32 +22,42 @@ def _moving(s: Snapshot) -> Tensor:
     return torch.clamp(s.speed / 0.2, 0.0, 1.0)
 
 
+def _travelling(s: Snapshot) -> Tensor:
+    """1 far from the goal, fading to 0 on it: there head and feet are drawn to a point at pelvis height."""
+    return torch.clamp(s.goal_distance / 0.5, 0.0, 1.0)
+
+
+def _at_command(s: Snapshot) -> Tensor:
+    """The object-centric field at the commanded speed, so that F − c vanishes where no obstacle bends it, (N, 10, 3)."""
+    return s.ogf.force_W * (s.speed / ETA)[:, None, None]
+
+
 # shared: potential fields and lifting -----------------------------------------------------------------------------------
 
 
 def sgf_head(s: Snapshot) -> Tensor:
     """Cosine between SGF and velocity of the head."""
-    return cosine(s.sgf.force_W[:, HEAD], s.v_WK[:, HEAD], SPEED_EPS) * _moving(s)
+    return cosine(s.sgf.force_W[:, HEAD], s.v_WK[:, HEAD], SPEED_EPS) * _travelling(s)
 
 
 def sgf_pelvis(s: Snapshot) -> Tensor:
     """Cosine between SGF and velocity of the pelvis."""
-    return cosine(s.sgf.force_W[:, PELVIS], s.v_WK[:, PELVIS], SPEED_EPS) * _moving(s)
+    return cosine(s.sgf.force_W[:, PELVIS], s.v_WK[:, PELVIS], SPEED_EPS) * _travelling(s)
 
 
 def sgf_feet(s: Snapshot) -> Tensor:
     """Cosine between SGF and velocity of the feet, mean of both."""
-    return cosine(s.sgf.force_W[:, FEET], s.v_WK[:, FEET], SPEED_EPS).mean(dim=1) * _moving(s)
+    return cosine(s.sgf.force_W[:, FEET], s.v_WK[:, FEET], SPEED_EPS).mean(dim=1) * _travelling(s)
 
 
 def ogf_hands(s: Snapshot) -> Tensor:
     """Cosine between [F_object − c] and [v − c] at the hands, mean of both."""
-    return residual_cosine(s.ogf.force_W[:, :2], s.v_WK[:, 9:11], s.c_W, SPEED_EPS).mean(dim=1) * _moving(s)
+    return residual_cosine(_at_command(s)[:, :2], s.v_WK[:, 9:11], s.c_W, SPEED_EPS).mean(dim=1) * _travelling(s)
 
 
 def ogf_object(s: Snapshot) -> Tensor:
     """Cosine between [F_object − c] and [v − c] at the eight object keypoints, mean."""
-    return residual_cosine(s.ogf.force_W[:, 2:], s.v_WOK, s.c_W, SPEED_EPS).mean(dim=1) * _moving(s)
+    return residual_cosine(_at_command(s)[:, 2:], s.v_WOK, s.c_W, SPEED_EPS).mean(dim=1) * _travelling(s)
 
 
 def object_lift(s: Snapshot) -> Tensor:
