@@ -16,6 +16,7 @@ from hotice.files import write_text
 from hotice.learn.scene_sets import resolve_scenes
 from hotice.sim.env import TransportEnv
 from hotice.sim.mujoco_batch import MujocoBatch
+from hotice.sim.threads import use_threads
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,12 +49,10 @@ def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
     Both simulations hold the same models; before each block the bare one takes the states of the environment and then gets
     the same servo targets, so both solve the same contacts.
     """
-    import numba
     from rich.console import Console
     from rich.table import Table
 
-    torch.set_num_threads(config.threads)
-    numba.set_num_threads(min(config.threads, numba.config.NUMBA_NUM_THREADS))
+    use_threads(config.threads)
     env = TransportEnv(
         config.num_envs, resolve_scenes(config.scenes), preset=config.preset, physics=config.physics, seed=0,
         threads=config.threads,

@@ -28,6 +28,7 @@ from hotice.sim.config import TaskConfig
 from hotice.sim.env import TransportEnv
 from hotice.sim.memory import check_memory
 from hotice.sim.terminations import OUTCOMES
+from hotice.sim.threads import use_threads
 
 FORMAT = "hotice-report/1"
 CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable")
@@ -54,7 +55,7 @@ class EvaluateConfig:
     batch: int = 256
     """Trials simulated at once."""
     threads: int = 0
-    """Physics threads; 0: all cores."""
+    """Threads; 0: all cores."""
     fine: bool = False
     """Simulate with 2 ms steps and elliptic friction cones instead of the training settings."""
     shapes: tuple[str, ...] = ("box",)
@@ -164,6 +165,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
 
     from hotice.learn.scene_sets import resolve_scenes
 
+    use_threads(config.threads)
     policy = load_policy(config.policy)
     scenes = resolve_scenes(config.scenes)
     check_memory(min(config.batch, config.rollouts), config.rollouts * len(scenes))

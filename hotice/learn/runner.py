@@ -30,6 +30,7 @@ from hotice.learn.storage import Rollout
 from hotice.learn.version import source_version
 from hotice.sim.env import TransportEnv
 from hotice.sim.observations import mirror_action
+from hotice.sim.threads import use_threads
 
 
 class Runner:
@@ -37,8 +38,7 @@ class Runner:
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
         self.config = config
-        if config.threads:
-            torch.set_num_threads(config.threads)
+        use_threads(config.threads)
         torch.manual_seed(config.seed)
         self.env = env or TransportEnv(
             config.num_envs, resolve_scenes(config.scenes), preset=config.preset, seed=config.seed, config=config.task,
