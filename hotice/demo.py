@@ -37,6 +37,7 @@ class DemoConfig:
 
 def run(config: DemoConfig) -> None:
     """Runs the demo. Raises `HoticeError`."""
+    import numpy as np
     from rich.console import Console
 
     from hotice.fields import build_hod_pf
@@ -55,7 +56,7 @@ def run(config: DemoConfig) -> None:
     for scene in scenes:
         begin = time.perf_counter()
         field = build_hod_pf(scene)
-        pelvis = scene.start[:2] + (0.75,)
+        pelvis = np.array([*scene.start[:2], 0.75])
         console.print(
             f"fields of [bold]{scene.name}[/]: {len(scene.obstacles)} obstacles, path of "
             f"{float(field.sgf.geodesic_distance(pelvis)):.2f} m, {time.perf_counter() - begin:.1f} s",

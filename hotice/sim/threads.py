@@ -10,6 +10,7 @@ def use_threads(count: int) -> None:
     if count <= 0:
         return
     import numba
+    from numba.core import config
 
     torch.set_num_threads(count)
-    numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
+    numba.set_num_threads(min(count, config.NUMBA_NUM_THREADS))
