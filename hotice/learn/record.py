@@ -37,7 +37,7 @@ class _Frames:
 
 
 def record_rollouts(
-    policy: Policy, scene: Scene, states: Sequence[CarryState], *, seed: int = 0, after_s: float = 0.6, threads: int = 0
+    policy: Policy, scene: Scene, states: Sequence[CarryState], *, seed: int = 0, after_s: float = 0.0, threads: int = 0
 ) -> list[RolloutRecord]:
     """One rollout for each carry state, scored as in evaluation and recorded until `after_s` past its end.
 
