@@ -53,7 +53,15 @@ class PpoConfig:
         for name in ("gamma", "lam"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a number between 0 and 1 is needed")
-        for name in ("clip", "value_clip", "learning_rate", "max_learning_rate", "target_kl", "max_grad_norm", "min_std"):
+        for name in (
+            "clip",
+            "value_clip",
+            "learning_rate",
+            "max_learning_rate",
+            "target_kl",
+            "max_grad_norm",
+            "min_std",
+        ):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")

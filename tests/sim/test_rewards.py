@@ -117,7 +117,7 @@ def test_sgf_head_sgf_pelvis_sgf_feet(walking, altered, name, points):
     others = torch.full_like(walking.v_WK, -1.0)
     others[:, points] = walking.v_WK[:, points]
     torch.testing.assert_close(term(altered(walking, v_WK=others)), torch.full((8,), full))
-    assert (term(altered(walking, speed=torch.zeros(8))) == 0).all()
+    assert (term(altered(walking, goal_distance=torch.zeros(8))) == 0).all()
 
 
 @pytest.mark.parametrize("name", ["ogf_hands", "ogf_object"])
