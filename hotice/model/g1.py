@@ -18,7 +18,6 @@ SIDES = ("left", "right")
 ROOT_BODY = "pelvis"
 TORSO_BODY = "torso_link"
 STANDING_HEIGHT_M = 0.793  # pelvis above the floor with straight legs
-FIELD_GOAL_HEIGHT_M = 0.75  # height of the pelvis at which field goals are taken
 
 _LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
 _ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")

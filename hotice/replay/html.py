@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import HoticeError
+from hotice.files import write_bytes
 from hotice.model import Box, CarriedObject, Cylinder, Obstacle
-from hotice.replay.output import write_bytes
 from hotice.replay.rollout import RolloutRecord
 from hotice.replay.solids import obstacle_geom, obstacle_triangles
 

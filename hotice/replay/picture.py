@@ -16,8 +16,8 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from hotice.errors import HoticeError
+from hotice.files import write_bytes
 from hotice.replay.html import GOAL_RADIUS_M, describe
-from hotice.replay.output import write_bytes
 from hotice.replay.rollout import RolloutRecord
 from hotice.replay.solids import obstacle_geom, obstacle_triangles, outline, placed, triangles
 

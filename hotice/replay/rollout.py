@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.errors import HoticeError
+from hotice.files import write_bytes
 from hotice.model import CarriedObject, Scene, object_from_dict
 from hotice.model.shapes import MeshShape
-from hotice.replay.output import write_bytes
 from hotice.replay.solids import SOLIDS
 
 FORMAT = "hotice-rollout/1"

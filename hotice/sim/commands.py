@@ -10,7 +10,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-ETA = 0.6
+from hotice.fields.potential import FieldParams
+
+ETA = FieldParams().attraction
 
 
 def navigation_command(

@@ -25,7 +25,7 @@ from hotice.sim.memory import check_memory
 from hotice.sim.observations import POLICY, PRIVILEGED, ObservationTable
 from hotice.sim.physics import make_physics
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
-from hotice.sim.snapshot import NUM_SGF, STEERED, Layout, Memory, Snapshot, read_motion
+from hotice.sim.snapshot import NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
 from hotice.sim.terminations import OUTCOMES, TERMINATIONS
 
 TOUCH_HEIGHT_M = 0.012
@@ -249,7 +249,7 @@ class TransportEnv:
         rows = slice(None) if ids is None else ids
         scene, model = m.scene[rows], m.model[rows]
         grasp = pick(self.carry.grasp, model)
-        motion = read_motion(self.physics, self.layout, grasp, ids)
+        motion, xpos, xmat = read_motion(self.physics, self.layout, grasp, ids)
         sgf = self.bank.sample("sgf", scene, motion.p_WK[:, :NUM_SGF])
         carried = torch.cat([motion.p_WK[:, NUM_SGF : NUM_SGF + 2], motion.p_WOK], dim=1)
         ogf = self.bank.sample(self.preset.object_field, scene, carried)
@@ -259,7 +259,7 @@ class TransportEnv:
         goal_Y = torch.stack(
             [cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1
         )
-        robot_gap, object_gap = self._clearances(motion, scene, model)
+        robot_gap, object_gap = self._clearances(motion, xpos, xmat, scene, model)
         if self.physics.hits is None:
             robot_hit, object_hit = robot_gap < -cfg.tolerance_m, object_gap < -cfg.tolerance_m
         else:
@@ -267,9 +267,8 @@ class TransportEnv:
         ends = motion.p_WK[:, NUM_SGF + 2 :, 2]
         touch = torch.minimum(ends[:, :2], ends[:, 2:]) < TOUCH_HEIGHT_M
         wave = torch.sin(torch.stack([m.phase[rows], m.phase[rows] + torch.pi], dim=1))
-        values = {k: v for k, v in vars(motion).items() if k not in ("xpos", "xmat")}
         return Snapshot(
-            **values, sgf=sgf, ogf=ogf, c_W=c_W, speed=speed,
+            **vars(motion), sgf=sgf, ogf=ogf, c_W=c_W, speed=speed,
             heading_error=heading_error(c_W, speed, motion.yaw, cfg.speed_m_s), goal_Y=goal_Y,
             goal_distance=offset_W.norm(dim=-1), clearance=robot_gap, object_clearance=object_gap,
             robot_hit=robot_hit, object_hit=object_hit, touch=touch,
@@ -278,13 +277,15 @@ class TransportEnv:
             time_left=1.0 - m.step[rows].float() / cfg.max_steps, grasp=grasp,
         )  # fmt: skip
 
-    def _clearances(self, motion, scene: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
+    def _clearances(
+        self, motion: Motion, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor
+    ) -> tuple[Tensor, Tensor]:
         """Smallest gap between cover spheres and obstacles, robot and object, (N,) each."""
         if not self.has_obstacles:
             far = torch.full_like(motion.yaw, CLEAR_M)
             return far, far.clone()
         body, centre, radius = self.cover
-        p_robot = motion.xpos[:, body] + (motion.xmat[:, body] @ centre[:, :, None]).squeeze(-1)
+        p_robot = xpos[:, body] + (xmat[:, body] @ centre[:, :, None]).squeeze(-1)
         p_object = motion.p_WO[:, None] + self.carry.cover_centre[model] @ motion.R_WO.transpose(1, 2)
         sdf = self.bank.signed_distance(scene, torch.cat([p_robot, p_object], dim=1))
         count = len(radius)

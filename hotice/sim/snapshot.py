@@ -88,15 +88,8 @@ class Layout:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Snapshot:
-    """One instant of N environments. Positions [m], velocities [m/s, rad/s], in the frame that the name gives.
-
-    `sgf` holds the Standard Guidance Field at the nine robot keypoints; `ogf` the field of hands and object at
-    (left hand, right hand, eight object keypoints). `c_W` (N, 3) is the navigation command c; its horizontal part has the
-    commanded speed. `touch` (N, 2): soles on the floor.
-    `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `robot_hit` and `object_hit` (N,) bool:
-    collisions, from the cover in training and from exact geometry in evaluation.
-    """
+class Motion:
+    """The simulator's part of a snapshot: poses and velocities, before fields and commands."""
 
     p_WP: Tensor
     R_WP: Tensor
@@ -115,6 +108,19 @@ class Snapshot:
     w_WO: Tensor
     p_WOK: Tensor
     v_WOK: Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class Snapshot(Motion):
+    """One instant of N environments. Positions [m], velocities [m/s, rad/s], in the frame that the name gives.
+
+    `sgf` holds the Standard Guidance Field at the nine robot keypoints; `ogf` the field of hands and object at
+    (left hand, right hand, eight object keypoints). `c_W` (N, 3) is the navigation command c; its horizontal part has the
+    commanded speed. `touch` (N, 2): soles on the floor.
+    `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `robot_hit` and `object_hit` (N,) bool:
+    collisions, from the cover in training and from exact geometry in evaluation.
+    """
+
     sgf: FieldSample
     ogf: FieldSample
     c_W: Tensor
@@ -143,33 +149,14 @@ class Snapshot:
         return torch.stack([cos * x + sin * y, cos * y - sin * x, z], dim=-1)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Motion:
-    """The simulator's part of a snapshot: poses and velocities, before fields and commands."""
+def read_motion(
+    physics: Physics, layout: Layout, grasp: Grasp, ids: Tensor | None = None
+) -> tuple[Motion, Tensor, Tensor]:
+    """Reads poses and velocities of environments `ids` (default all) in float32.
 
-    p_WP: Tensor
-    R_WP: Tensor
-    yaw: Tensor
-    v_WP: Tensor
-    w_WP_P: Tensor
-    gravity_P: Tensor
-    q: Tensor
-    qd: Tensor
-    torque: Tensor
-    p_WK: Tensor
-    v_WK: Tensor
-    p_WO: Tensor
-    R_WO: Tensor
-    v_WO: Tensor
-    w_WO: Tensor
-    p_WOK: Tensor
-    v_WOK: Tensor
-    xpos: Tensor
-    xmat: Tensor
-
-
-def read_motion(physics: Physics, layout: Layout, grasp: Grasp, ids: Tensor | None = None) -> Motion:
-    """Reads poses and velocities of environments `ids` (default all) in float32."""
+    Returns:
+        The motion, and the frames of all bodies: positions (N, B, 3) [m] and rotation matrices (N, B, 3, 3), in W.
+    """
 
     def take(t: Tensor) -> Tensor:
         return (t if ids is None else t[ids]).float()
@@ -188,11 +175,11 @@ def read_motion(physics: Physics, layout: Layout, grasp: Grasp, ids: Tensor | No
     )
     w_WO, v_WO = cvel[:, o, :3], qvel[:, layout.object_v : layout.object_v + 3]
     spin = torch.where(grasp.world_aligned[:, None], torch.zeros_like(w_WO), w_WO)
-    return Motion(
+    motion = Motion(
         p_WP=xpos[:, p], R_WP=R_WP, yaw=torch.atan2(R_WP[:, 1, 0], R_WP[:, 0, 0]),
         v_WP=qvel[:, :3], w_WP_P=qvel[:, 3:6], gravity_P=-R_WP[:, 2],
         q=qpos[:, layout.q], qd=qvel[:, layout.qd], torque=take(physics.actuator_force),
         p_WK=p_WK, v_WK=v_WK, p_WO=p_WO, R_WO=R_WO, v_WO=v_WO, w_WO=w_WO,
         p_WOK=p_WO[:, None] + arm_WO, v_WOK=v_WO[:, None] + torch.linalg.cross(spin[:, None].expand_as(arm_WO), arm_WO),
-        xpos=xpos, xmat=xmat,
     )  # fmt: skip
+    return motion, xpos, xmat

@@ -6,12 +6,13 @@ import torch
 from torch import Tensor
 
 from hotice.fields.alignment import cosine, residual_cosine
+from hotice.fields.potential import FieldParams
 from hotice.model import g1
 from hotice.sim.snapshot import FEET, HEAD, PELVIS, Snapshot
 
 SPEED_EPS = 0.1
 """[m/s] softens the cosines: the direction of a body at rest scores nothing."""
-ETA = 0.6
+ETA = FieldParams().attraction
 _STEM = [g1.stem(j) for j in g1.ACTION_JOINTS]
 _STANCE_JOINTS = [i for i, s in enumerate(_STEM) if s in ("hip_roll", "hip_yaw")]
 _ANKLE_ROLL = [i for i, s in enumerate(_STEM) if s == "ankle_roll"]

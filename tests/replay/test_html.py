@@ -121,7 +121,7 @@ def test_a_page_that_was_there_survives_a_failure(record, tmp_path, monkeypatch)
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("hotice.replay.output.os.replace", full)
+    monkeypatch.setattr("hotice.files.os.replace", full)
     with pytest.raises(OutputError, match="No space left"):
         write_html([record], path)
     assert path.read_text() == "old" and [p.name for p in tmp_path.iterdir()] == ["replay.html"]
