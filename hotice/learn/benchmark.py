@@ -13,6 +13,7 @@ import torch
 
 from hotice.errors import InvalidConfig
 from hotice.files import write_text
+from hotice.learn.evaluate import check_writable
 from hotice.learn.scene_sets import resolve_scenes
 from hotice.sim.env import TransportEnv
 from hotice.sim.mujoco_batch import MujocoBatch
@@ -52,6 +53,8 @@ def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
     from rich.console import Console
     from rich.table import Table
 
+    if config.out is not None:
+        check_writable(config.out)
     use_threads(config.threads)
     env = TransportEnv(
         config.num_envs, resolve_scenes(config.scenes), preset=config.preset, physics=config.physics, seed=0,

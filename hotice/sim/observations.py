@@ -18,7 +18,7 @@ from hotice.fields.alignment import encode
 from hotice.fields.bank import FieldSample
 from hotice.model import g1
 from hotice.model.objects import OCTANTS
-from hotice.sim.snapshot import Snapshot
+from hotice.sim.snapshot import FOOT_ENDS, Snapshot
 
 Mirror = tuple[np.ndarray, np.ndarray]
 """index (D,), sign (D,): mirrored = sign * value[index]."""
@@ -110,7 +110,7 @@ PRIVILEGED: tuple[Observation, ...] = (
     Observation("root_velocity", lambda s: s.to_yaw_frame(s.v_WP), VECTOR, "pelvis velocity in Y"),
     Observation("root_height", lambda s: 5.0 * (s.p_WP[:, 2:] - 0.74), same(1), "pelvis height"),
     Observation("touch", lambda s: s.touch.float(), (np.array([1, 0]), np.ones(2)), "soles on the floor"),
-    Observation("foot_heights", lambda s: 10.0 * s.p_WK[:, 11:15, 2], (np.array([1, 0, 3, 2]), np.ones(4)), "toes, heels"),
+    Observation("foot_heights", lambda s: 10.0 * s.p_WK[:, FOOT_ENDS, 2], (np.array([1, 0, 3, 2]), np.ones(4)), "toes, heels"),
     Observation("object_velocity", lambda s: s.to_yaw_frame(s.v_WO - s.v_WP), VECTOR, "relative to the pelvis, in Y"),
     Observation("object_spin", lambda s: 0.25 * s.to_yaw_frame(s.w_WO), PSEUDO, "angular velocity in Y"),
     Observation("object_mass", lambda s: s.grasp.mass, same(1), "mass [kg]"),

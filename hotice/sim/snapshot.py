@@ -20,6 +20,7 @@ POINTS = g1.SGF_KEYPOINTS + g1.OGF_KEYPOINTS + g1.FOOT_ENDS
 NUM_SGF = len(g1.SGF_KEYPOINTS)
 HANDS = slice(NUM_SGF, NUM_SGF + 2)
 FOOT_ENDS = slice(NUM_SGF + 2, NUM_SGF + 6)
+TOES, HEELS = slice(NUM_SGF + 2, NUM_SGF + 4), slice(NUM_SGF + 4, NUM_SGF + 6)
 STEERED = tuple(g1.SGF_KEYPOINTS.index(k) for k in g1.STEERED_KEYPOINTS)
 HEAD, PELVIS = g1.SGF_KEYPOINTS.index("head"), g1.SGF_KEYPOINTS.index("pelvis")
 FEET = tuple(g1.SGF_KEYPOINTS.index(k) for k in ("left_foot", "right_foot"))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from hotice.sim.snapshot import Snapshot
+from hotice.sim.snapshot import HANDS, Snapshot
 
 OUTCOMES = ("running", "success", "fall", "drop", "robot_collision", "object_collision", "timeout", "unstable")
 """Outcome codes by position."""
@@ -29,7 +29,7 @@ def fall(s: Snapshot) -> Tensor:
 
 def drop(s: Snapshot) -> Tensor:
     """Object 15 cm from where the hands hold it, or its centre below 0.25 m."""
-    between = s.p_WK[:, 9:11].mean(dim=1)
+    between = s.p_WK[:, HANDS].mean(dim=1)
     return ((s.p_WO - between).norm(dim=-1) > 0.15) | (s.p_WO[:, 2] < 0.25)
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from hotice.fields.alignment import cosine, residual_cosine
 from hotice.fields.potential import FieldParams
 from hotice.model import g1
-from hotice.sim.snapshot import FEET, HEAD, PELVIS, Snapshot
+from hotice.sim.snapshot import FEET, HANDS, HEAD, HEELS, PELVIS, TOES, Snapshot
 
 SPEED_EPS = 0.1
 """[m/s] softens the cosines: the direction of a body at rest scores nothing."""
@@ -53,7 +53,7 @@ def sgf_feet(s: Snapshot) -> Tensor:
 
 def ogf_hands(s: Snapshot) -> Tensor:
     """Cosine between [F_object − c] and [v − c] at the hands, mean of both."""
-    return residual_cosine(_at_command(s)[:, :2], s.v_WK[:, 9:11], s.c_W, SPEED_EPS).mean(dim=1) * _travelling(s)
+    return residual_cosine(_at_command(s)[:, :2], s.v_WK[:, HANDS], s.c_W, SPEED_EPS).mean(dim=1) * _travelling(s)
 
 
 def ogf_object(s: Snapshot) -> Tensor:
@@ -146,7 +146,7 @@ def flight(s: Snapshot) -> Tensor:
 
 def swing_height(s: Snapshot) -> Tensor:
     """Squared lack of height of the lower of toe and heel against the clock's, of the swinging foot; more by obstacles."""
-    lowest = torch.minimum(s.p_WK[:, 11:13, 2], s.p_WK[:, 13:15, 2])
+    lowest = torch.minimum(s.p_WK[:, TOES, 2], s.p_WK[:, HEELS, 2])
     near = torch.clamp((0.25 - s.sgf.signed_distance[:, FEET]) / 0.15, 0.0, 1.0)
     error = (torch.clamp(s.swing * (1.0 + 0.6 * near) - lowest, min=0.0) / 0.10).square()
     return (error * (s.swing > 0)).sum(dim=1) * _moving(s)
@@ -193,7 +193,7 @@ def hand_reach(s: Snapshot) -> Tensor:
 
 def grasp_slip(s: Snapshot) -> Tensor:
     """Squared velocity of the object relative to the mean of the hands."""
-    return (s.v_WO - s.v_WK[:, 9:11].mean(dim=1)).square().sum(dim=-1).clamp_max(4.0)
+    return (s.v_WO - s.v_WK[:, HANDS].mean(dim=1)).square().sum(dim=-1).clamp_max(4.0)
 
 
 def object_upright(s: Snapshot) -> Tensor:
@@ -218,7 +218,7 @@ def arm_posture(s: Snapshot) -> Tensor:
 
 def _hand_error(s: Snapshot) -> Tensor:
     """Displacement of the hands on the object, (N, 2, 3) [m]; of a sphere only the distance from the centre counts."""
-    p_OH = (s.p_WK[:, 9:11] - s.p_WO[:, None]) @ s.R_WO
+    p_OH = (s.p_WK[:, HANDS] - s.p_WO[:, None]) @ s.R_WO
     error = p_OH - s.grasp.p_OH
     radial = p_OH.norm(dim=-1, keepdim=True) - s.grasp.p_OH.norm(dim=-1, keepdim=True)
     sphere = torch.cat([radial, torch.zeros_like(error[..., :2])], dim=-1)
