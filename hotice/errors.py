@@ -27,6 +27,10 @@ class InvalidObject(HoticeError):
     """A carried object with an impossible shape, size or mass."""
 
 
+class InvalidState(HoticeError):
+    """A configuration of robot and object of the wrong size, not finite, or without the object that is asked about."""
+
+
 class CarryInfeasible(HoticeError):
     """No carry state exists for this object and posture; says why."""
 
@@ -41,3 +45,11 @@ class CheckpointError(HoticeError):
 
 class OutputError(HoticeError):
     """An output path that cannot be written."""
+
+
+class InputError(HoticeError):
+    """An input file that is missing, not a regular file, too large or unreadable."""
+
+
+class InvalidMap(HoticeError):
+    """A point cloud or mesh that cannot be read or made into a scene."""
