@@ -1,11 +1,34 @@
-"""Files appear whole or not at all."""
+"""Files are read within limits and appear whole or not at all."""
 
 from __future__ import annotations
 
 import os
+import stat
 from pathlib import Path
 
-from hotice.errors import OutputError
+from hotice.errors import InputError, OutputError
+
+
+def read_bytes(path: str | Path, max_bytes: int) -> bytes:
+    """The content of a regular file: a pipe or device, which might never end, is refused before it is opened.
+
+    Raises:
+        InputError: the file is missing, of another kind, larger than `max_bytes` or not readable.
+    """
+    path = Path(path)
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{path}: is a folder, pipe or device: a regular file is needed")
+        if status.st_size > max_bytes:
+            raise InputError(f"{path}: is larger than {max_bytes // 2**20} MiB")
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:  # a NUL in the path
+        raise InputError(f"{str(path)!r}: cannot be read: {error}") from None
 
 
 def write_bytes(path: str | Path, content: bytes) -> Path:

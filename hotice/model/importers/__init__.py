@@ -1,0 +1,1 @@
+"""Scenes from what was measured or modelled elsewhere: point clouds, meshes, 3D-FRONT rooms."""
