@@ -1,0 +1,107 @@
+"""Ways through a furnished place, and the scene that is cut out round one of them.
+
+The place lies in a frame H (floor at z = 0); the scene's frame W has its origin below the start and its x axis towards
+the goal, so that start is (0, 0, 0) and goal (d, 0).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hotice.errors import InvalidScene
+from hotice.model.extents import extent
+from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
+from hotice.model.scene import Obstacle, Scene
+
+Array = NDArray[np.float64]
+Clearance = Callable[[Array], Array]
+"""Distance from points of the floor (..., 2) in H to the nearest thing a robot would touch [m], or `OFF_LIMITS_M`."""
+OFF_LIMITS_M = -1.0
+"""Where no way may lead, such as behind a wall; interpolated half-way to it counts as well."""
+
+SMALL_M, MEDIUM_M, LARGE_M = (3.0, 2.0, 1.5), (4.0, 3.0, 1.5), (5.0, 5.0, 1.5)
+"""Sizes of crops: the first and last are those of the paper's neighbours."""
+BODY_M, LOAD_M, LOAD_AHEAD_M = 0.34, 0.26, 0.45
+"""Room that the body needs at start and goal, and the load ahead of it."""
+NEAR_M = 0.6
+"""Things nearer to the straight way than this crowd it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """Start and goal on the floor of H [m]; `crowding`: mean of how far things reach into `NEAR_M`, 0 for a free way."""
+
+    start: tuple[float, float]
+    goal: tuple[float, float]
+    crowding: float
+
+    @property
+    def length_m(self) -> float:
+        """Straight distance."""
+        return math.dist(self.start, self.goal)
+
+
+def propose_ways(floor: Array, clearance: Clearance, rng: np.random.Generator, count: int = 4000) -> list[Way]:
+    """Ways 2 m (every other) or 2 to 3 m long that pass clutter, the least crowded first.
+
+    Args:
+        floor: (n, 2) places in H where a way may start.
+        clearance: see `Clearance`; start and goal, with a load ahead, keep `BODY_M` and `LOAD_M`.
+        rng: draws `count` candidates, of which the fitting ones come back.
+    """
+    floor = floor[clearance(floor) > BODY_M]
+    if not len(floor):
+        return []
+    start = floor[rng.integers(len(floor), size=count)] + rng.uniform(-0.05, 0.05, (count, 2))
+    angle = rng.uniform(-math.pi, math.pi, count)
+    ahead = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    length = np.where(rng.random(count) < 0.5, 2.0, rng.uniform(2.0, 3.0, count))
+    goal = start + length[:, None] * ahead
+    fits = np.ones(count, bool)
+    for place in (start, goal):
+        fits &= (clearance(place) > BODY_M) & (clearance(place + LOAD_AHEAD_M * ahead) > LOAD_M)
+    start, goal = start[fits], goal[fits]
+    line = start[:, None] + np.linspace(0.0, 1.0, 32)[:, None] * (goal - start)[:, None]
+    beside = clearance(line)
+    crowding = np.maximum(NEAR_M - beside, 0.0).mean(axis=1)
+    passing = (crowding > 0.0) & (beside.min(axis=1) > 0.5 * OFF_LIMITS_M)
+    order = [i for i in np.argsort(crowding, kind="stable") if passing[i]]
+    return [Way(start=tuple(start[i]), goal=tuple(goal[i]), crowding=float(crowding[i])) for i in order]
+
+
+def crop(
+    name: str, obstacles: Iterable[Obstacle], start: ArrayLike, goal: ArrayLike, size_m: tuple[float, float, float]
+) -> Scene:
+    """The scene of `size_m` (along the way, across, up) [m], centred on the way; obstacles that reach into it are kept.
+
+    Args:
+        name: of the scene. obstacles: in H. size_m: full extent of the bounds.
+        start: x, y in H [m]. goal: x, y in H [m].
+
+    Raises:
+        InvalidScene: start and goal coincide or do not lie inside the size, or an obstacle stands on one of them.
+    """
+    p_HS, p_HG = np.array(start, dtype=float), np.array(goal, dtype=float)
+    ahead = p_HG - p_HS
+    length = round(float(np.linalg.norm(ahead)), 6)
+    if not 0.1 < length < size_m[0]:
+        raise InvalidScene(f"goal is {length:.3g} m from start: 0.1 m to {size_m[0]:g} m fit a crop of {size_m} m")
+    low = np.array([round(0.5 * (length - size_m[0]), 4), -0.5 * size_m[1], 0.0])
+    high = low + size_m
+    p_HW, quat_WH = np.array([*p_HS, 0.0]), quat_from_yaw(-math.atan2(ahead[1], ahead[0]))
+    kept = []
+    for obstacle in obstacles:
+        moved = replace(
+            obstacle,
+            position_m=tuple(quat_rotate(quat_WH, np.array(obstacle.position_m) - p_HW).round(6).tolist()),
+            quaternion_wxyz=tuple(quat_mul(quat_WH, obstacle.quaternion_wxyz).tolist()),
+        )
+        bottom, top = extent(moved)
+        if (bottom < high).all() and (top > low).all():
+            kept.append(moved)
+    return Scene(name, (tuple(low.tolist()), tuple(high.tolist())), (0.0, 0.0, 0.0), (length, 0.0), tuple(kept))
