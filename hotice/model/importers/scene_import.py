@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from hotice.errors import HoticeError, InvalidConfig, InvalidMap
 from hotice.files import read_bytes
+from hotice.model.extents import category_by_height
 from hotice.model.importers import ply
 from hotice.model.importers.floor import Floor, fit_floor
 from hotice.model.importers.meshes import MESH_SUFFIXES, export_obj, read_triangles, sample_surface, split_bodies
 from hotice.model.importers.pcd import read_pcd
-from hotice.model.importers.voxels import Voxels, category, cover_by_boxes, occupied
+from hotice.model.importers.voxels import Voxels, column_extent, cover_by_boxes, occupied
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape, MeshShape
 
@@ -61,8 +62,8 @@ class ImportOptions:
     """Metres per unit of the file."""
     floor: Literal["fit", "given"] = "fit"
     """Find the floor, or take z = 0 as it is."""
-    min_points: int = 3
-    """Points of a cloud that make a voxel solid."""
+    min_points: int = 0
+    """Points of a cloud that make a voxel solid; 0: 1 to 3, by the cloud's density."""
     min_voxels: int = 6
     """Smaller groups of a cloud's voxels are specks."""
     name: str = ""
@@ -79,8 +80,10 @@ class ImportOptions:
             raise InvalidConfig(f"voxel_m is {self.voxel_m!r}: 0.01 to 0.2 m are allowed")
         if not self.scale >= 1e-4:
             raise InvalidConfig(f"scale is {self.scale!r}: at least 0.0001 is needed (0.001 for millimetres)")
-        if self.min_points < 1 or self.min_voxels < 1:
-            raise InvalidConfig(f"min_points {self.min_points!r} and min_voxels {self.min_voxels!r} must be at least 1")
+        if self.min_points < 0 or self.min_voxels < 1:
+            raise InvalidConfig(
+                f"min_points is {self.min_points!r}, min_voxels {self.min_voxels!r}: at least 0 and 1 are needed"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +139,7 @@ def from_points(p_M: Points, options: ImportOptions, name: str) -> Imported:
     start, goal, low, high = _crop(floor, options)
     p_W = floor.to_world(near)
     p_W = p_W[((p_W >= [*low[:2], -np.inf]) & (p_W < high)).all(axis=1)]
-    boxes, group = _boxes(p_W, low, high, floor, options.voxel_m, options.min_points, options.min_voxels)
+    boxes, group = _boxes(p_W, low, high, floor, options, noisy=True)
     notes = {
         "points": f"{len(p_M):,}, {len(p_M) - len(finite):,} not finite, {len(p_W):,} in the crop",
         **_notes(floor, group, boxes),
@@ -171,7 +174,7 @@ def from_triangles(corners_M: NDArray[np.float64], options: ImportOptions, name:
         else:
             kept.append(_mesh_obstacle(Path(folder.name), f"{name}_{len(kept) + 1:03d}", vertices, faces))
     p_W = sample_surface(loose, 0.5 * options.voxel_m, low - [0.0, 0.0, 1.0], high)
-    boxes, group = _boxes(p_W, low, high, floor, options.voxel_m, 1, 1)
+    boxes, group = _boxes(p_W, low, high, floor, options, noisy=False)
     notes = {"triangles": f"{len(corners_M):,}, {len(corners_W):,} in the crop", **_notes(floor, group, boxes)}
     notes["meshes"] = f"{len(kept)} closed bodies stay meshes"
     scene = Scene(name, _bounds(low, high), start, goal, (*kept, *boxes))
@@ -207,15 +210,16 @@ def _bounds(low: Points, high: Points) -> tuple[tuple[float, float, float], tupl
 
 
 def _boxes(
-    p_W: Points, low: Points, high: Points, floor: Floor, voxel_m: float, min_points: int, min_voxels: int
+    p_W: Points, low: Points, high: Points, floor: Floor, options: ImportOptions, noisy: bool
 ) -> tuple[list[Obstacle], NDArray[np.int8]]:
-    """Box obstacles of points (n, 3) in the crop, and the group of each point."""
+    """Box obstacles of points (n, 3) in the crop, and the group of each point; without noise every point counts."""
+    voxel_m = options.voxel_m
     band = min(max(MIN_BAND_M, 3.0 * floor.noise_m), MAX_BAND_M)
     group = np.full(len(p_W), FLOOR, dtype=np.int8)
     above = np.flatnonzero(p_W[:, 2] > band)
     Scene("bounds", _bounds(low, high), (*_middle(low, high), 0.0), _middle(low, high))  # refuses huge or empty crops
     voxels = Voxels.of(p_W[above], low, high, voxel_m)
-    solid = occupied(voxels, min_points, min_voxels)
+    solid = occupied(voxels, options.min_points, options.min_voxels) if noisy else occupied(voxels, 1, 1)
     group[above] = np.where(voxels.holding(p_W[above], solid), KEPT, NOISE)
     boxes = cover_by_boxes(solid)
     if len(boxes) > MAX_BOXES:
@@ -226,7 +230,7 @@ def _boxes(
     obstacles = []
     for n, box in enumerate(boxes):
         first, last = low + voxel_m * box[:3], np.minimum(low + voxel_m * box[3:], high)
-        kind = category(solid, box, float(low[2]), voxel_m)
+        kind = category_by_height(*(round(voxel_m * layer, 9) for layer in column_extent(solid, box)))
         size, centre = np.round(last - first, 6).tolist(), np.round(0.5 * (first + last), 6).tolist()
         obstacles.append(Obstacle(f"box_{n + 1:04d}", kind, BoxShape(tuple(size)), tuple(centre)))
     return obstacles, group
@@ -250,8 +254,9 @@ def _mesh_obstacle(folder: Path, name: str, vertices: Points, faces: NDArray[np.
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     origin = np.round([*0.5 * (low + high)[:2], low[2]], 6)
     export_obj(folder / f"{name}.obj", vertices - origin, faces)
-    kind = "ground" if high[2] <= 0.15 else "overhead" if low[2] >= 1.0 else "side"
-    return Obstacle(name, kind, MeshShape(f"{name}.obj", 1.0, folder), tuple(origin.tolist()))
+    return Obstacle(
+        name, category_by_height(low[2], high[2]), MeshShape(f"{name}.obj", 1.0, folder), tuple(origin.tolist())
+    )
 
 
 def _notes(floor: Floor, group: NDArray[np.int8], boxes: list[Obstacle]) -> dict[str, str]:
