@@ -1,4 +1,4 @@
-"""Command line: `hotice train|evaluate|export|play|tables|benchmark`, also as `python -m hotice.learn`."""
+"""Command line: `hotice train|evaluate|export|play|tables|benchmark|scene`, also as `python -m hotice.learn`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,15 @@ def main(argv: list[str] | None = None) -> int:
     import tyro
 
     from hotice.errors import HoticeError
-    from hotice.learn import commands
 
+    argv = sys.argv[1:] if argv is None else argv
     try:
+        if argv[:1] == ["scene"]:  # a group of its own, quick because it needs no torch
+            from hotice import scene_commands
+
+            return scene_commands.main(argv[1:])
+        from hotice.learn import commands
+
         return (
             tyro.extras.subcommand_cli_from_dict(commands.COMMANDS, args=argv, prog="hotice", description=__doc__) or 0
         )

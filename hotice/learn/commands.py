@@ -113,6 +113,12 @@ def benchmark(config: Flat[BenchmarkConfig]) -> int:
     return 0
 
 
+def scene() -> int:
+    """Import, show, check, list and generate scenes: see `hotice scene --help`."""
+    raise AssertionError("hotice.learn.__main__ hands this group to hotice.scene_commands")
+
+
 COMMANDS = {
     "train": train, "evaluate": evaluate, "export": export, "play": play, "tables": tables, "benchmark": benchmark,
+    "scene": scene,
 }  # fmt: skip

@@ -8,7 +8,8 @@ from __future__ import annotations
 import contextlib
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,33 @@ def scene_page(scenes: Sequence[Scene], *, robot: bool = True, arrows: bool = Fa
     finally:
         viewer.window.server_proc.kill()
         viewer.window.server_proc.wait()
+
+
+def serve_page(page: str, port: int, ready: Callable[[str], None]) -> None:
+    """Serves a page to browsers on this machine until Ctrl-C; `ready` is called with its address.
+
+    Raises `HoticeError` when the port is taken.
+    """
+    content = page.encode()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.send_header("Content-Length", str(len(content)))
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, format: str, *args: object) -> None:
+            pass
+
+    try:
+        server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+    except OSError as error:
+        raise HoticeError(f"port {port} cannot be used: {error.strerror or error}; choose another, or 0") from None
+    with server, contextlib.suppress(KeyboardInterrupt):
+        ready(f"http://127.0.0.1:{server.server_port}/")
+        server.serve_forever()
 
 
 def start_solids(scene: Scene) -> RolloutRecord:

@@ -6,24 +6,24 @@ import math
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import HoticeError, InvalidConfig, InvalidMap
+from hotice.errors import HoticeError, InvalidMap
 from hotice.files import read_bytes
 from hotice.model.extents import category_by_height
 from hotice.model.importers import ply
 from hotice.model.importers.floor import Floor, fit_floor
 from hotice.model.importers.meshes import MESH_SUFFIXES, export_obj, read_triangles, sample_surface, split_bodies
+from hotice.model.importers.options import ImportOptions
 from hotice.model.importers.pcd import read_pcd
 from hotice.model.importers.voxels import Voxels, column_extent, cover_by_boxes, occupied
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape, MeshShape
 
 Points = NDArray[np.float64]
-Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 MAX_MAP_BYTES = 2 * 2**30
 MAX_BOXES = 2000
 NEAR_M = 6.0
@@ -40,50 +40,6 @@ _UP = {
     "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
     "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
 }  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImportOptions:
-    """How a map becomes a scene. Raises `InvalidConfig`."""
-
-    start: tuple[float, ...]
-    """x, y [m] and, optionally, yaw [rad]; without yaw the robot faces the goal."""
-    goal: tuple[float, float]
-    """x, y [m]."""
-    frame: Literal["floor", "map"] = "floor"
-    """What start and goal refer to: the level frame that the scene gets, or the map's own (after unit and up axis)."""
-    size_m: tuple[float, float, float] | None = None
-    """Extent of the crop about the middle of start and goal; by default 1 m beyond both, 1.5 m high."""
-    voxel_m: float = 0.04
-    """Edge of the voxels that boxes are made of."""
-    up: Up = "auto"
-    """The map's axis that points up; auto: y for GLB, else z."""
-    scale: float = 1.0
-    """Metres per unit of the file."""
-    floor: Literal["fit", "given"] = "fit"
-    """Find the floor, or take z = 0 as it is."""
-    min_points: int = 0
-    """Points of a cloud that make a voxel solid; 0: 1 to 3, by the cloud's density."""
-    min_voxels: int = 6
-    """Smaller groups of a cloud's voxels are specks."""
-    name: str = ""
-    """Name of the scene; by default the file's."""
-
-    def __post_init__(self) -> None:
-        numbers = {"start": self.start, "goal": self.goal, "scale": (self.scale,), "voxel_m": (self.voxel_m,)}
-        for what, values in {**numbers, "size_m": self.size_m or ()}.items():
-            if not all(math.isfinite(v) and abs(v) <= 1e4 for v in values):
-                raise InvalidConfig(f"{what} is {values!r}: finite numbers of at most 10,000 are needed")
-        if len(self.start) not in (2, 3):
-            raise InvalidConfig(f"start is {self.start!r}: X Y or X Y YAW is needed")
-        if not 0.01 <= self.voxel_m <= 0.2:
-            raise InvalidConfig(f"voxel_m is {self.voxel_m!r}: 0.01 to 0.2 m are allowed")
-        if not self.scale >= 1e-4:
-            raise InvalidConfig(f"scale is {self.scale!r}: at least 0.0001 is needed (0.001 for millimetres)")
-        if self.min_points < 0 or self.min_voxels < 1:
-            raise InvalidConfig(
-                f"min_points is {self.min_points!r}, min_voxels {self.min_voxels!r}: at least 0 and 1 are needed"
-            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,268 @@
+"""Houses of the 3D-FRONT data set: a JSON file each, with models in folders `<jid>/raw_model.obj` (3D-FUTURE).
+
+`furniture[]` names models (uid, jid, valid, size), `mesh[]` holds walls, floors and built-in parts (uid, type, xyz,
+faces, normal), `scene.room[].children[]` places either by `ref` with `pos`, `rot` (x, y, z, w) and `scale`. The file's
+frame is y up; a vertex is scaled, rotated, then moved. Ours is z up: (x, y, z) becomes (x, -z, y), a rotation, so that
+nothing is mirrored.
+
+The data are as people made them: what cannot be used is left out and counted, by reason, in `Front3dReport`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.errors import InputError, InvalidMap
+from hotice.files import read_bytes
+from hotice.model.frames import quat_rotate
+from hotice.model.importers.meshes import read_triangles
+
+MAX_JSON_BYTES = 256 * 2**20
+MAX_MODEL_BYTES = 128 * 2**20
+MAX_ENTRIES = 100_000
+"""Furniture, meshes or placed things in one house."""
+SCALE_RANGE = (0.01, 5.0)
+SIZE_RANGE_M = (0.01, 8.0)
+"""Of the longest side of a placed piece of furniture."""
+FARTHEST_M = 1000.0
+JID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
+NOT_FINITE = re.compile(rb"^v\b.*\b(nan|inf)", re.IGNORECASE | re.MULTILINE)
+
+Points = NDArray[np.float64]
+Quat = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Front3dReport:
+    """What became of a house: `used` by kind, `dropped` by reason, `mended` (used all the same) by what was wrong."""
+
+    used: Mapping[str, int]
+    dropped: Mapping[str, int]
+    mended: Mapping[str, int]
+
+    def rows(self) -> list[tuple[str, str, int]]:
+        """(used, dropped or mended; kind or reason; number), for printing."""
+        parts = (("used", self.used), ("dropped", self.dropped), ("mended", self.mended))
+        return [(part, reason, number) for part, table in parts for reason, number in sorted(table.items())]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlacedMesh:
+    """Triangles `corners` (F, 3, 3) in their own frame B (z up, scaled) at pose X_HB [m]; H is the house's frame."""
+
+    name: str
+    kind: str
+    corners: Points
+    position_m: tuple[float, float, float]
+    quaternion_wxyz: Quat
+
+    @property
+    def corners_H(self) -> Points:
+        """Triangles in H, (F, 3, 3) [m]."""
+        return quat_rotate(np.array(self.quaternion_wxyz), self.corners) + self.position_m
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Floor:
+    """The floor of a room: its type, `triangles` (F, 3, 2) in H and height [m]."""
+
+    room: str
+    triangles: Points
+    height_m: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class House:
+    """Furniture, walls and floors in H: z up, the largest floor at z = 0."""
+
+    name: str
+    pieces: tuple[PlacedMesh, ...]
+    floors: tuple[Floor, ...]
+    report: Front3dReport
+
+
+def load_house(json_path: str | Path, models_folder: str | Path) -> House:
+    """Reads a house and the models that it places.
+
+    Raises:
+        InputError: a file is missing, too large or unreadable, or the models' folder is missing.
+        InvalidMap: the file is not a house: no JSON, nested too deeply, without rooms, or without any floor.
+    """
+    json_path, models = Path(json_path), Path(models_folder)
+    if not models.is_dir():
+        raise InputError(f"{models}: no such folder of models (it holds <jid>/raw_model.obj)")
+    try:
+        return _Loader(_read_json(json_path), models).house(json_path.stem)
+    except InvalidMap as error:
+        raise InvalidMap(f"{json_path}: {error}") from None
+
+
+class _Defect(Exception):
+    """Why one entry cannot be used."""
+
+
+class _Loader:
+    """Places the entries of a parsed house and counts what it leaves out."""
+
+    def __init__(self, data: Any, models: Path) -> None:
+        self.models = models
+        self.used, self.dropped, self.mended = Counter[str](), Counter[str](), Counter[str]()
+        self.furniture = self._by_uid(_list(data, "furniture"))
+        self.meshes = self._by_uid(_list(data, "mesh"))
+        self.rooms = _list(_mapping(data).get("scene"), "room")
+        if not self.rooms:
+            raise InvalidMap("holds no scene.room: a 3D-FRONT house is needed")
+        self.loaded: dict[str, Points | _Defect] = {}
+        self.pieces: list[PlacedMesh] = []
+        self.floors: list[Floor] = []
+
+    def house(self, name: str) -> House:
+        """The house with its largest floor at z = 0."""
+        placed: set[str] = set()
+        for number, room in enumerate(self.rooms, 1):
+            title = f"{_mapping(room).get('type') or 'room'}_{number}"
+            for child in _list(room, "children"):
+                self._try(self._place, child, re.sub(r"\W", "_", title), placed)
+        for uid in self.meshes.keys() - placed:
+            self.mended["mesh in no room, placed as it is"] += 1
+            self._try(self._place, {"ref": uid}, "house", placed)
+        if not self.floors:
+            raise InvalidMap("holds no floor: a mesh of a type such as Floor is needed")
+        area = [np.abs(_cross(f.triangles)).sum() for f in self.floors]
+        ground = self.floors[int(np.argmax(area))].height_m
+        pieces = [_lowered(p, ground) for p in self.pieces]
+        floors = [Floor(room=f.room, triangles=f.triangles, height_m=f.height_m - ground) for f in self.floors]
+        report = Front3dReport(used=dict(self.used), dropped=dict(self.dropped), mended=dict(self.mended))
+        return House(name=name, pieces=tuple(pieces), floors=tuple(floors), report=report)
+
+    def _try(self, place, *arguments: Any) -> None:
+        try:
+            place(*arguments)
+        except _Defect as defect:
+            self.dropped[str(defect)] += 1
+
+    def _by_uid(self, entries: list[Any]) -> dict[str, Mapping[str, Any]]:
+        table: dict[str, Mapping[str, Any]] = {}
+        for entry in entries:
+            uid = _mapping(entry).get("uid")
+            if not isinstance(uid, str):
+                self.dropped["entry without uid"] += 1
+            elif uid in table:
+                self.dropped["uid given twice"] += 1
+            else:
+                table[uid] = entry
+        return table
+
+    def _place(self, child: Any, room: str, placed: set[str]) -> None:
+        ref = _mapping(child).get("ref")
+        if not isinstance(ref, str) or ref not in self.furniture and ref not in self.meshes:
+            raise _Defect("dangling reference")
+        if ref in self.meshes:
+            placed.add(ref)
+        position, quat, scale = _pose(_mapping(child))
+        if ref in self.furniture:
+            self._place_furniture(self.furniture[ref], room, position, quat, scale)
+        else:
+            self._place_mesh(self.meshes[ref], room, position, quat, scale)
+
+    def _place_furniture(self, entry: Mapping[str, Any], room: str, position: Points, quat: Points, scale: Points) -> None:
+        if entry.get("valid", True) is not True:
+            raise _Defect("furniture marked as not valid")
+        corners = self._model(entry) * scale
+        longest = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+        if not SIZE_RANGE_M[0] <= longest <= SIZE_RANGE_M[1]:
+            raise _Defect("furniture of absurd size")
+        if "valid" not in entry:
+            self.mended["furniture without valid flag"] += 1
+        self._add("furniture", str(entry.get("title") or "furniture"), room, corners, position, quat)
+
+    def _place_mesh(self, entry: Mapping[str, Any], room: str, position: Points, quat: Points, scale: Points) -> None:
+        kind = str(entry.get("type") or "structure").strip().lower()
+        if "ceil" in kind or kind == "hole":
+            self.used["ceilings and holes, left out on purpose"] += 1
+            return
+        corners = self._triangles(entry) * scale
+        if "floor" not in kind:
+            self._add("structure", kind, room, corners, position, quat)
+            return
+        corners_H = _z_up(quat_rotate(quat, corners) + position)
+        self.used["floor"] += 1
+        self.floors.append(Floor(room=room, triangles=corners_H[..., :2], height_m=float(corners_H[..., 2].max())))
+
+    def _add(self, kind: str, title: str, room: str, corners: Points, position: Points, quat: Points) -> None:
+        w, x, y, z = quat.tolist()
+        name = re.sub(r"\W+", "_", f"{room}_{title.split('/')[0]}").strip("_").lower()[:60]
+        self.used[kind] += 1
+        self.pieces.append(
+            PlacedMesh(
+                name=f"{name}_{len(self.pieces) + 1}", kind=kind, corners=_z_up(corners),
+                position_m=tuple(_z_up(position).tolist()), quaternion_wxyz=(w, x, -z, y),
+            )
+        )  # fmt: skip
+
+    def _model(self, entry: Mapping[str, Any]) -> Points:
+        """Triangles of a model in its own frame, y up; read once."""
+        jid = entry.get("jid")
+        if not isinstance(jid, str) or not JID.fullmatch(jid):
+            raise _Defect("unsafe model name")
+        if jid not in self.loaded:
+            try:
+                self.loaded[jid] = self._read_model(jid, entry)
+            except _Defect as defect:
+                self.loaded[jid] = defect
+        result = self.loaded[jid]
+        if isinstance(result, _Defect):
+            raise result
+        return result
+
+    def _read_model(self, jid: str, entry: Mapping[str, Any]) -> Points:
+        raw, normalized = (self.models / jid / f"{kind}_model.obj" for kind in ("raw", "normalized"))
+        path = raw if raw.exists() else normalized
+        if not path.exists():
+            raise _Defect("missing model")
+        if not path.resolve().is_relative_to(self.models.resolve()):
+            raise _Defect("model outside the models' folder")
+        try:
+            content = read_bytes(path, MAX_MODEL_BYTES)
+            corners = read_triangles(content, ".obj")
+        except (InputError, InvalidMap):
+            raise _Defect("unreadable model") from None
+        if NOT_FINITE.search(content):
+            self.mended["model with non-finite vertices"] += 1
+        if path == normalized:
+            self.mended["normalized model scaled to its size"] += 1
+            return _sized(corners, _numbers(entry.get("size"), 3, "missing model"))
+        return corners
+
+    def _triangles(self, entry: Mapping[str, Any]) -> Points:
+        """Triangles of a mesh entry, y up. Faces of four corners are told by their number, or by their normals."""
+        xyz, faces = entry.get("xyz"), entry.get("faces")
+        if not isinstance(xyz, list) or not isinstance(faces, list) or len(xyz) % 3 or not xyz or not faces:
+            raise _Defect("mesh without triangles")
+        if isinstance(faces[0], list):
+            triangles = _fanned(faces)
+        else:
+            triangles = _split(faces, _array(xyz).reshape(-1, 3), _normals(entry.get("normal"), len(xyz)))
+        if len(faces) % 3 and not isinstance(faces[0], list) or isinstance(faces[0], list) and len(faces[0]) == 4:
+            self.mended["mesh of quads"] += 1
+        p = _array(xyz).reshape(-1, 3)
+        if triangles.size == 0 or triangles.min() < 0 or triangles.max() >= len(p):
+            raise _Defect("mesh with faces out of range")
+        corners = p[triangles]
+        with np.errstate(all="ignore"):
+            area = np.linalg.norm(_normal(corners), axis=1)
+        good = np.isfinite(area) & (area > 1e-12)
+        if not np.isfinite(corners).all():
+            self.mended["mesh with non-finite vertices"] += 1
+        if not good.any():
+            raise _Defect("mesh without triangles")
+        return corners[good]
