@@ -14,7 +14,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from hotice.errors import InputError, InvalidMap
 from hotice.files import read_bytes
 from hotice.model.frames import quat_rotate
 from hotice.model.importers.meshes import read_triangles
+from hotice.model.importers.polygons import triangulated, unit_normals
 
 MAX_JSON_BYTES = 256 * 2**20
 MAX_MODEL_BYTES = 128 * 2**20
@@ -137,10 +138,9 @@ class _Loader:
             self._try(self._place, {"ref": uid}, "house", placed)
         if not self.floors:
             raise InvalidMap("holds no floor: a mesh of a type such as Floor is needed")
-        area = [np.abs(_cross(f.triangles)).sum() for f in self.floors]
-        ground = self.floors[int(np.argmax(area))].height_m
+        ground = max(self.floors, key=_area).height_m
         pieces = [_lowered(p, ground) for p in self.pieces]
-        floors = [Floor(room=f.room, triangles=f.triangles, height_m=f.height_m - ground) for f in self.floors]
+        floors = [replace(f, height_m=f.height_m - ground) for f in self.floors]
         report = Front3dReport(used=dict(self.used), dropped=dict(self.dropped), mended=dict(self.mended))
         return House(name=name, pieces=tuple(pieces), floors=tuple(floors), report=report)
 
@@ -174,7 +174,9 @@ class _Loader:
         else:
             self._place_mesh(self.meshes[ref], room, position, quat, scale)
 
-    def _place_furniture(self, entry: Mapping[str, Any], room: str, position: Points, quat: Points, scale: Points) -> None:
+    def _place_furniture(
+        self, entry: Mapping[str, Any], room: str, position: Points, quat: Points, scale: Points
+    ) -> None:
         if entry.get("valid", True) is not True:
             raise _Defect("furniture marked as not valid")
         corners = self._model(entry) * scale
@@ -244,25 +246,98 @@ class _Loader:
         return corners
 
     def _triangles(self, entry: Mapping[str, Any]) -> Points:
-        """Triangles of a mesh entry, y up. Faces of four corners are told by their number, or by their normals."""
-        xyz, faces = entry.get("xyz"), entry.get("faces")
-        if not isinstance(xyz, list) or not isinstance(faces, list) or len(xyz) % 3 or not xyz or not faces:
+        """Triangles (F, 3, 3) of a mesh entry, y up."""
+        p = _numbers(entry.get("xyz"), None, "mesh without triangles")
+        normals = entry.get("normal")
+        faces = entry.get("faces")
+        if len(p) % 3 or not isinstance(faces, list) or not faces:
             raise _Defect("mesh without triangles")
-        if isinstance(faces[0], list):
-            triangles = _fanned(faces)
+        p = p.reshape(-1, 3)
+        if isinstance(normals, list) and len(normals) == p.size:
+            normals = _numbers(normals, None, "mesh without triangles").reshape(-1, 3)
         else:
-            triangles = _split(faces, _array(xyz).reshape(-1, 3), _normals(entry.get("normal"), len(xyz)))
-        if len(faces) % 3 and not isinstance(faces[0], list) or isinstance(faces[0], list) and len(faces[0]) == 4:
-            self.mended["mesh of quads"] += 1
-        p = _array(xyz).reshape(-1, 3)
-        if triangles.size == 0 or triangles.min() < 0 or triangles.max() >= len(p):
-            raise _Defect("mesh with faces out of range")
+            normals = None
+        try:
+            triangles, polygons = triangulated(faces, p, normals)
+        except ValueError:
+            raise _Defect("mesh with impossible faces") from None
         corners = p[triangles]
-        with np.errstate(all="ignore"):
-            area = np.linalg.norm(_normal(corners), axis=1)
-        good = np.isfinite(area) & (area > 1e-12)
-        if not np.isfinite(corners).all():
-            self.mended["mesh with non-finite vertices"] += 1
+        good = np.isfinite(unit_normals(corners)).all(axis=1) & (np.abs(corners).max(axis=(1, 2)) < FARTHEST_M)
         if not good.any():
             raise _Defect("mesh without triangles")
+        if polygons:
+            self.mended["mesh of quads"] += 1
+        if not np.isfinite(corners).all():
+            self.mended["mesh with non-finite vertices"] += 1
         return corners[good]
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(read_bytes(path, MAX_JSON_BYTES).decode())
+    except RecursionError:
+        raise InvalidMap("is nested too deeply") from None
+    except ValueError as error:
+        raise InvalidMap(f"is not JSON: {error}") from None
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _list(value: Any, key: str) -> list[Any]:
+    entries = _mapping(value).get(key)
+    if not isinstance(entries, list):
+        return []
+    if len(entries) > MAX_ENTRIES:
+        raise InvalidMap(f"{key} holds {len(entries):,} entries: at most {MAX_ENTRIES:,} are allowed")
+    return entries
+
+
+def _numbers(value: Any, length: int | None, defect: str) -> Points:
+    """Numbers as (length,) floats, which may be not finite; `_Defect` for anything else."""
+    if not isinstance(value, list) or length is not None and len(value) != length:
+        raise _Defect(defect)
+    if not all(type(v) in (int, float) and (type(v) is float or abs(v) < 1e15) for v in value):
+        raise _Defect(defect)
+    return np.array(value, dtype=np.float64)
+
+
+def _pose(child: Mapping[str, Any]) -> tuple[Points, Points, Points]:
+    """Position (3,) [m], quaternion wxyz (4,) and scale (3,) of a placed thing, y up."""
+    position, quat_xyzw, scale = (
+        _numbers(child.get(key, default), len(default), "malformed placement")
+        for key, default in (("pos", [0.0] * 3), ("rot", [0.0, 0.0, 0.0, 1.0]), ("scale", [1.0] * 3))
+    )
+    if not all(np.isfinite(v).all() for v in (position, quat_xyzw, scale)):
+        raise _Defect("placement with non-finite numbers")
+    if not SCALE_RANGE[0] <= scale.min() <= scale.max() <= SCALE_RANGE[1]:
+        raise _Defect("absurd scale")
+    norm = np.linalg.norm(quat_xyzw)
+    if np.abs(position).max() > FARTHEST_M or not 1e-3 < norm < 1e3:
+        raise _Defect("absurd placement")
+    return position, np.roll(quat_xyzw, 1) / norm, scale
+
+
+def _sized(corners: Points, size: Points) -> Points:
+    """A model fitted to its size along each axis, standing on the origin, y up."""
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    if not (np.isfinite(size).all() and size.min() > 0.0 and (high - low).min() > 0.0):
+        raise _Defect("missing model")
+    foot = np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
+    return (corners - foot) * (size / (high - low))
+
+
+def _z_up(p: Points) -> Points:
+    """(..., 3) with y up -> with z up."""
+    return np.stack([p[..., 0], -p[..., 2], p[..., 1]], axis=-1)
+
+
+def _lowered(piece: PlacedMesh, by_m: float) -> PlacedMesh:
+    x, y, z = piece.position_m
+    return replace(piece, position_m=(x, y, z - by_m))
+
+
+def _area(floor: Floor) -> float:
+    a, b = floor.triangles[:, 1] - floor.triangles[:, 0], floor.triangles[:, 2] - floor.triangles[:, 0]
+    return float(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())

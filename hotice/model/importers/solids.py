@@ -87,7 +87,12 @@ def _thickened(corners: Points) -> Body | None:
     rim, n = edges[first[count == 1]], len(vertices)
     if count.max() > 2 or len(np.unique(rim[:, 0])) < len(rim):
         return None
-    walls = np.concatenate([np.column_stack([rim[:, 1], rim[:, 0], rim[:, 0] + n]), np.column_stack([rim[:, 1], rim[:, 0] + n, rim[:, 1] + n])])
+    walls = np.concatenate(
+        [
+            np.column_stack([rim[:, 1], rim[:, 0], rim[:, 0] + n]),
+            np.column_stack([rim[:, 1], rim[:, 0] + n, rim[:, 1] + n]),
+        ]
+    )
     offset = 0.5 * SHEET_M * normal
     plate = np.concatenate([vertices + offset, vertices - offset]), np.concatenate([faces, faces[:, ::-1] + n, walls])
     return plate if _is_closed(*plate) else None
@@ -117,5 +122,7 @@ def _boxed(corners: Points) -> Points:
         if len(boxes) <= MAX_BOXES:
             break
         voxel *= COARSER
-    edges = [np.r_[lo, lo + (np.arange(n) + 0.5) * d, hi] for lo, hi, n, d in zip(low, high, steps, spacing, strict=True)]
+    edges = [
+        np.r_[lo, lo + (np.arange(n) + 0.5) * d, hi] for lo, hi, n, d in zip(low, high, steps, spacing, strict=True)
+    ]
     return np.stack([[edges[k % 3][boxes[:, k]] for k in half] for half in ((0, 1, 2), (3, 4, 5))]).transpose(2, 0, 1)
