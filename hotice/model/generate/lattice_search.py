@@ -194,9 +194,7 @@ def _inside(room, i, j):
 
 @njit(cache=True)
 def _core_distance(room, core, moves, goal, radius):
-    """Length of the way to within `radius` of the goal for what all postures share, (nx, ny) [m]: a lower bound for
-    the whole robot, inf where there is none.
-    """
+    """Way to within `radius` of the goal for what all postures share, (nx, ny) [m]: a lower bound; inf without a way."""
     nx, ny = room.known.shape[:2]
     closed = np.ones((nx, ny), dtype=np.bool_)
     length = np.full((nx, ny), np.inf)
@@ -308,9 +306,7 @@ def _search(room, effort, moves, start, rest):
 
 @njit(cache=True)
 def _postures(room, effort, changes, node, stands):
-    """The cheapest free posture at each node, (n,): as long as they stand still or move on, robots change posture by
-    single steps, each free; amid strides not at all. -1 from where no posture leads on.
-    """
+    """The cheapest free postures along a path, (n,), changed by single free steps, not amid strides; -1 where none is."""
     count, postures = len(node), len(effort)
     cost = np.full((count, postures), np.inf)
     parent = np.full((count, postures), -1)

@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidScene
 from hotice.model.generate.envelope import FEET, POSTURES, SHINS, Envelope
-from hotice.model.generate.lattice_search import HEADINGS, BodyGrid, LatticePath, search
+from hotice.model.generate.lattice_search import CAP_M, HEADINGS, BodyGrid, LatticePath, search
 from hotice.model.scene import Scene
 
 MARGIN_M = 0.02
 """Least distance between envelope and obstacles."""
 GOAL_RADIUS_M = 0.1
 BORDER_M = 0.2
+BLOCK = 4
 MAX_PLACES = 600_000
 
 
@@ -69,7 +70,7 @@ def check_traversable(
         InvalidScene: the scene has too many places for this resolution.
     """
     envelope = Envelope.of(carried_half_extents_m)
-    grid = _grid(scene, resolution_m)
+    grid = _grid(scene, resolution_m, CAP_M + float(envelope.ball[:, 3].max()))
     found = search(grid, envelope, scene.start, scene.goal, GOAL_RADIUS_M, MARGIN_M)
     yaw = np.array([math.atan2(y, x) for x, y in HEADINGS])[found.node[:, 2]]
     path = np.column_stack([grid.places(found.node[:, :2]), yaw])
@@ -92,7 +93,7 @@ def require_traversable(scene: Scene, **options: object) -> Traversal:
     return traversal
 
 
-def _grid(scene: Scene, resolution: float) -> BodyGrid:
+def _grid(scene: Scene, resolution: float, far: float) -> BodyGrid:
     low, high = np.array(scene.bounds_m)
     start, goal = np.array(scene.start[:2]), np.array(scene.goal)
     border = np.minimum(BORDER_M, np.minimum(np.minimum(start, goal) - low[:2], high[:2] - np.maximum(start, goal)))
@@ -105,15 +106,33 @@ def _grid(scene: Scene, resolution: float) -> BodyGrid:
             f"crop it, or check it at a resolution above {resolution:g} m"
         )
     nodes = np.ceil((high - [*low[:2], 0.0]) / resolution).astype(int) + 1
-    axes = [a + resolution * np.arange(n) for a, n in zip((*low[:2], 0.0), nodes, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    origin = np.array([*low[:2], 0.0])
     return BodyGrid(
-        distance=np.minimum(scene.signed_distance(points), 10.0).astype(np.float32),
-        origin=np.array([*low[:2], 0.0]),
+        distance=_sampled_distance(scene, origin, nodes, resolution, far),
+        origin=origin,
         first=start - before * resolution,
         size=size,
         resolution_m=resolution,
     )
+
+
+def _sampled_distance(
+    scene: Scene, origin: NDArray[np.float64], nodes: NDArray[np.integer], resolution: float, far: float
+) -> NDArray[np.float32]:
+    """Exact signed distance at grid nodes, cut at `far`; in each block of nodes, of the obstacles that may be nearest."""
+    blocks = -(-nodes // BLOCK)
+    step = np.stack(np.meshgrid(*3 * [resolution * np.arange(BLOCK)], indexing="ij"), axis=-1).reshape(-1, 3)
+    corner = origin + resolution * BLOCK * np.stack(np.unravel_index(np.arange(blocks.prod()), blocks), axis=-1)
+    reach = 0.5 * math.sqrt(3.0) * (BLOCK - 1) * resolution
+    result = np.full((len(corner), BLOCK**3), far, dtype=np.float32)
+    middle = [o.signed_distance(corner + 0.5 * (BLOCK - 1) * resolution) for o in scene.obstacles]
+    limit = np.minimum(np.min(middle, axis=0, initial=far) + reach, far) + reach
+    for obstacle, distance in zip(scene.obstacles, middle, strict=True):
+        near = np.flatnonzero(distance < limit)
+        exact = obstacle.signed_distance(corner[near, None] + step).astype(np.float32)
+        result[near] = np.minimum(result[near], exact)
+    grid = result.reshape(*blocks, BLOCK, BLOCK, BLOCK).transpose(0, 3, 1, 4, 2, 5).reshape(BLOCK * blocks)
+    return np.ascontiguousarray(grid[: nodes[0], : nodes[1], : nodes[2]])
 
 
 def _reason(scene: Scene, envelope: Envelope, end: NDArray, found: LatticePath) -> str:
