@@ -8,7 +8,16 @@ from hotice.model import Obstacle, Scene
 from hotice.model.extents import extent
 from hotice.model.frames import quat_from_yaw
 from hotice.model.generate import furniture, rooms
-from hotice.model.generate.crop import BODY_M, LOAD_AHEAD_M, LOAD_M, SMALL_M, crop, propose_ways
+from hotice.model.generate.crop import (
+    BODY_M,
+    LOAD_AHEAD_M,
+    LOAD_M,
+    SMALL_M,
+    SPACING_M,
+    ClearanceMap,
+    crop,
+    propose_ways,
+)
 from hotice.model.generate.indoor import IndoorScenes, indoor_scene, indoor_scenes
 from hotice.model.generate.traversable import check_traversable
 from hotice.model.shapes import BoxShape
@@ -48,7 +57,7 @@ def test_density_fills_a_room():
 
 def test_the_door_leads_out():
     room = rooms.furnish("living", 0.0, np.random.default_rng(0))
-    _, clearance = room.clearance()
+    clearance = room.clearance()
     (x, y, width) = room.doors[0]
     middle = np.array([[x - 0.05, y], [x - 0.6, y]])
     assert (clearance(middle) > 0.5 * width - 0.1).all()
@@ -60,7 +69,7 @@ def test_clearance_is_the_distance_to_furniture():
     assert room.place(
         furniture.Piece("post", (Obstacle("p", "side", BoxShape((0.4, 0.4, 1.5)), (0, 0, 0.75)),)), 2, 2, 0.0
     )
-    _, clearance = room.clearance()
+    clearance = room.clearance()
     p = np.array([[3.0, 2.0], [2.0, 1.3], [2.6, 2.6]])
     np.testing.assert_allclose(clearance(p), [0.8, 0.5, 0.4 * np.sqrt(2)], atol=1e-6)
     assert not room.place(furniture.chair(room.rng), 2.3, 2.0, 0.0) and not room.place(
@@ -71,13 +80,18 @@ def test_clearance_is_the_distance_to_furniture():
 # Ways and crops
 
 
-def test_ways_pass_something_and_keep_room_for_the_load():
-    def clearance(p):
-        wall = np.minimum(p, 6.0 - p).min(axis=-1)
-        return np.where(wall < 0.0, -1.0, np.minimum(np.linalg.norm(p - 3.0, axis=-1) - 0.3, wall))
+def map_of(distance) -> ClearanceMap:
+    """A map of a square of 6 m."""
+    x = np.arange(61) * SPACING_M
+    return ClearanceMap(origin=np.zeros(2), nearest=distance(np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1)))
 
-    floor = np.random.default_rng(1).uniform(0.0, 6.0, (500, 2))
-    ways = propose_ways(floor, clearance, np.random.default_rng(0))
+
+def test_ways_pass_something_and_keep_room_for_the_load():
+    def beside_a_post(p):
+        return np.minimum(np.linalg.norm(p - 3.0, axis=-1) - 0.3, np.minimum(p, 6.0 - p).min(axis=-1))
+
+    clearance = map_of(beside_a_post)
+    ways = propose_ways(clearance, np.random.default_rng(0))
     start, goal = np.array([w.start for w in ways]), np.array([w.goal for w in ways])
     length = np.linalg.norm(goal - start, axis=1)
     assert len(ways) > 50 and (length > 2.0 - 1e-9).all() and (length < 3.0).all()
@@ -87,8 +101,8 @@ def test_ways_pass_something_and_keep_room_for_the_load():
     assert min(clearance(start + ahead).min(), clearance(goal + ahead).min()) > LOAD_M
     crowding = [w.crowding for w in ways]
     assert crowding == sorted(crowding) and crowding[0] > 0.0
-    assert propose_ways(floor, lambda p: np.full(p.shape[:-1], 9.0), np.random.default_rng(0)) == []
-    assert propose_ways(floor, lambda p: np.full(p.shape[:-1], 0.1), np.random.default_rng(0)) == []
+    for uniform in (9.0, 0.1):
+        assert propose_ways(map_of(lambda p, c=uniform: np.full(p.shape[:-1], c)), np.random.default_rng(0)) == []
 
 
 def test_a_crop_lies_along_its_way():

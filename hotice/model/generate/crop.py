@@ -7,11 +7,12 @@ the goal, so that start is (0, 0, 0) and goal (d, 0).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import map_coordinates
 
 from hotice.errors import InvalidScene
 from hotice.model.extents import extent
@@ -19,10 +20,9 @@ from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.scene import Obstacle, Scene
 
 Array = NDArray[np.float64]
-Clearance = Callable[[Array], Array]
-"""Distance from points of the floor (..., 2) in H to the nearest thing a robot would touch [m], or `OFF_LIMITS_M`."""
+SPACING_M = 0.1
 OFF_LIMITS_M = -1.0
-"""Where no way may lead, such as behind a wall; interpolated half-way to it counts as well."""
+"""Clearance where no way may lead, such as behind a wall; what is interpolated half-way to it counts as well."""
 
 SMALL_M, MEDIUM_M, LARGE_M = (3.0, 2.0, 1.5), (4.0, 3.0, 1.5), (5.0, 5.0, 1.5)
 """Sizes of crops: the first and last are those of the paper's neighbours."""
@@ -30,6 +30,27 @@ BODY_M, LOAD_M, LOAD_AHEAD_M = 0.34, 0.26, 0.45
 """Room that the body needs at start and goal, and the load ahead of it."""
 NEAR_M = 0.6
 """Things nearer to the straight way than this crowd it."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ClearanceMap:
+    """Distance from the floor of H to the nearest thing a robot would touch, or `OFF_LIMITS_M`.
+
+    `nearest` (nx, ny) [m] at the nodes `origin` (2,) + index * `SPACING_M`; linear between them, off limits outside.
+    """
+
+    origin: Array
+    nearest: Array
+
+    def __call__(self, p_H: Array) -> Array:
+        """(..., 2) -> (...) [m]."""
+        index = np.moveaxis((p_H - self.origin) / SPACING_M, -1, 0)
+        flat = map_coordinates(self.nearest, index.reshape(2, -1), order=1, mode="constant", cval=OFF_LIMITS_M)
+        return flat.reshape(np.shape(p_H)[:-1])
+
+    def nodes(self, least_m: float) -> Array:
+        """Nodes with a clearance above `least_m`, (n, 2) in H [m]."""
+        return self.origin + SPACING_M * np.argwhere(self.nearest > least_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,15 +67,14 @@ class Way:
         return math.dist(self.start, self.goal)
 
 
-def propose_ways(floor: Array, clearance: Clearance, rng: np.random.Generator, count: int = 4000) -> list[Way]:
+def propose_ways(clearance: ClearanceMap, rng: np.random.Generator, count: int = 4000) -> list[Way]:
     """Ways 2 m (every other) or 2 to 3 m long that pass clutter, the least crowded first.
 
     Args:
-        floor: (n, 2) places in H where a way may start.
-        clearance: see `Clearance`; start and goal, with a load ahead, keep `BODY_M` and `LOAD_M`.
+        clearance: of the place; start and goal, with a load ahead, keep `BODY_M` and `LOAD_M`.
         rng: draws `count` candidates, of which the fitting ones come back.
     """
-    floor = floor[clearance(floor) > BODY_M]
+    floor = clearance.nodes(BODY_M)
     if not len(floor):
         return []
     start = floor[rng.integers(len(floor), size=count)] + rng.uniform(-0.05, 0.05, (count, 2))

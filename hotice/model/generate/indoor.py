@@ -62,8 +62,7 @@ def _draw(difficulty: float, number: int, rejected: Counter[str]) -> Scene:
     rng = np.random.default_rng([number, len(RECIPES)])
     for _ in range(MAX_ROOMS):
         room = furnish(kind, 0.2 + 0.7 * difficulty, rng)
-        floor, clearance = room.clearance()
-        ways = propose_ways(floor, clearance, rng)
+        ways = propose_ways(room.clearance(), rng)
         if not ways:
             rejected["no free way passes furniture"] += 1
         hardest = round((0.1 + 0.8 * difficulty) * (len(ways) - 1))

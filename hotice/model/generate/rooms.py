@@ -12,11 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from hotice.model.extents import extent, union
 from hotice.model.generate import furniture as f
-from hotice.model.generate.crop import OFF_LIMITS_M
+from hotice.model.generate.crop import OFF_LIMITS_M, SPACING_M, ClearanceMap
 from hotice.model.scene import Obstacle
 from hotice.model.shapes import BoxShape
 
@@ -28,7 +27,6 @@ BEYOND_M = 1.3
 """How far the floor goes on behind the door."""
 TRIES = 25
 HEIGHTS_M = (0.05, 0.3, 0.5, 0.75, 1.0, 1.25)
-SPACING_M = 0.1
 
 Array = NDArray[np.float64]
 Placing = Callable[["Room", f.Piece], bool]
@@ -94,8 +92,8 @@ class Room:
         self.kinds.append(piece.kind)
         return True
 
-    def clearance(self) -> tuple[Array, Callable[[Array], Array]]:
-        """Free places of the floor, (n, 2) in H [m], and the distance to what a robot would touch (`crop.Clearance`)."""
+    def clearance(self) -> ClearanceMap:
+        """Of the room and the floor behind its door."""
         x = np.arange(-BEYOND_M, self.length_m + 0.5 * SPACING_M, SPACING_M)
         y = np.arange(0.0, self.width_m + 0.5 * SPACING_M, SPACING_M)
         floor = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
@@ -108,12 +106,7 @@ class Room:
             if door_x == 0.0:
                 off |= floor[..., 0] < -WALL_M
             nearest[off & (np.abs(floor[..., 1] - door_y) > 0.5 * width + 0.2)] = OFF_LIMITS_M
-
-        def clearance(p_H: Array) -> Array:
-            index = np.moveaxis((p_H - floor[0, 0]) / SPACING_M, -1, 0)
-            return map_coordinates(nearest, index, order=1, mode="constant", cval=OFF_LIMITS_M)
-
-        return floor[nearest > 0.0], clearance
+        return ClearanceMap(origin=floor[0, 0], nearest=nearest)
 
     def _box(self, name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> None:
         size, middle = (tuple(b - a for a, b in (x, y, z)), tuple(0.5 * (a + b) for a, b in (x, y, z)))
