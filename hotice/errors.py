@@ -53,3 +53,7 @@ class InputError(HoticeError):
 
 class InvalidMap(HoticeError):
     """A point cloud or mesh that cannot be read or made into a scene."""
+
+
+class SimulationError(HoticeError):
+    """Physics that cannot go on: a buffer that overflowed, a device out of memory."""

@@ -6,9 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import torch
 
-from hotice.errors import InvalidConfig
+from hotice.errors import InvalidConfig, UnknownName
 from hotice.sim.config import TaskConfig, get_preset
+from hotice.sim.physics import BACKENDS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +101,10 @@ class TrainConfig:
     """Time between checkpoints."""
     checkpoint_updates: int = 0
     """Also checkpoint every so many updates; 0: no."""
+    physics: str = "mujoco"
+    """Simulator: "mujoco" on the CPU, "warp" on an NVIDIA GPU."""
+    device: str = "auto"
+    """Device of physics "warp" and of learning: a torch device; "auto": the GPU for "warp" where there is one, else the CPU."""
     threads: int = 0
     """Threads of physics and torch; 0: all cores."""
     hidden: tuple[int, ...] = (256, 128)
@@ -129,5 +135,22 @@ class TrainConfig:
         if not all(np.isfinite(s) and s > 0 for s in self.init_std):
             raise InvalidConfig(f"init_std is {self.init_std!r}: finite numbers above 0 are needed")
         get_preset(self.preset)
+        if self.physics not in BACKENDS:
+            raise UnknownName("physics backend", self.physics, BACKENDS)
+        self.torch_device()
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
+
+    def torch_device(self) -> str:
+        """The device to use. Raises `InvalidConfig` for one that torch does not know or that is not there."""
+        if self.device == "auto":
+            return "cuda" if self.physics == "warp" and torch.cuda.is_available() else "cpu"
+        try:
+            kind = torch.device(self.device).type
+        except RuntimeError:
+            raise InvalidConfig(f"device is {self.device!r}: auto, cpu, cuda or cuda:N is needed") from None
+        if kind not in ("cpu", "cuda") or (kind == "cuda" and not torch.cuda.is_available()):
+            raise InvalidConfig(f"device {self.device!r} is not there: torch sees no such GPU on this machine")
+        if kind == "cuda" and self.physics == "mujoco":
+            raise InvalidConfig("physics 'mujoco' runs on the CPU: give --physics warp with a GPU")
+        return self.device

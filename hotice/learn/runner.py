@@ -41,8 +41,8 @@ class Runner:
         use_threads(config.threads)
         torch.manual_seed(config.seed)
         self.env = env or TransportEnv(
-            config.num_envs, resolve_scenes(config.scenes), preset=config.preset, seed=config.seed, config=config.task,
-            threads=config.threads,
+            config.num_envs, resolve_scenes(config.scenes), preset=config.preset, device=config.torch_device(),
+            physics=config.physics, seed=config.seed, config=config.task, threads=config.threads,
         )  # fmt: skip
         env = self.env
         self.net = ActorCritic(

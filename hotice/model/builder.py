@@ -32,6 +32,7 @@ OBSTACLE_BODY = "obstacles"
 HIT_SENSORS = ("robot_hits", "object_hits")
 OBSTACLE_PREFIX = "obstacle/"
 MESH_SKIN_M = 0.001
+POINT_M = 1e-5
 MAX_MESH_FACES = 4000
 
 
@@ -73,6 +74,7 @@ def build_model(
     *,
     joints: Literal[20, 29] = 20,
     wrist_pos: ArrayLike | None = None,
+    object_shapes: Sequence[str] = (),
     floor: bool = True,
     fixed_base: bool = False,
     timestep_s: float = 0.005,
@@ -88,6 +90,7 @@ def build_model(
         scene: adds every obstacle as a static geom named `obstacle/<name>`.
         joints: 20 for training (waist and wrists welded), 29 for cross-checks.
         wrist_pos: (6,) angles of the welded wrists [rad], default zero (20 joints only).
+        object_shapes: gives the object a geom of each of these shapes, see `add_object`.
         floor: adds the ground plane.
         fixed_base: welds the pelvis to the world at its initial height (for tests of the grasp).
         timestep_s: physics step.
@@ -106,7 +109,7 @@ def build_model(
             friction=[1.0, 0.005, 0.0001], rgba=[0.9, 0.9, 0.88, 1],
         )  # fmt: skip
     if carried is not None:
-        add_object(spec, carried)
+        add_object(spec, carried, object_shapes)
     if scene is not None and scene.obstacles:
         add_obstacles(spec, scene)
         if carried is not None:
@@ -114,16 +117,25 @@ def build_model(
     return spec.compile()
 
 
-def add_object(spec: mujoco.MjSpec, carried: CarriedObject) -> None:
-    """Adds the carried object as a free body named `object` with one geom of the same name."""
-    kind, size = carried.mujoco_geom()
+def add_object(spec: mujoco.MjSpec, carried: CarriedObject, shapes: Sequence[str] = ()) -> None:
+    """Adds the carried object as a free body named `object` with one geom of the same name.
+
+    With `shapes` it has a geom `object_<shape>` of each; all but its own are points at its centre, which nothing touches.
+    Models of different shapes then have one layout, where a simulator holds the shapes once for all environments.
+    """
+    own, size = carried.mujoco_geom()
+    if shapes and own not in shapes:
+        raise InvalidConfig(f"object_shapes {tuple(shapes)} leave out the object's own shape {own!r}")
     body = spec.worldbody.add_body(name=OBJECT_BODY, pos=[0.4, 0, 0.9])
     body.add_freejoint(name="object_free")
-    body.add_geom(
-        name=OBJECT_BODY, type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"), size=[*size, 0, 0][:3],
-        contype=OBJECT, conaffinity=FLOOR | OBSTACLE, condim=3, friction=[0.8, 0.005, 0.0001], group=2,
-        rgba=[0.80, 0.60, 0.35, 1], mass=0,
-    )  # fmt: skip
+    for kind in shapes or (own,):
+        body.add_geom(
+            name=f"{OBJECT_BODY}_{kind}" if shapes else OBJECT_BODY,
+            type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"),
+            size=[*size, 0, 0][:3] if kind == own else [POINT_M] * 3,
+            contype=OBJECT, conaffinity=FLOOR | OBSTACLE, condim=3, friction=[0.8, 0.005, 0.0001], group=2,
+            rgba=[0.80, 0.60, 0.35, 1], mass=0,
+        )  # fmt: skip
     body.explicitinertial = True
     body.mass = carried.mass_kg
     body.inertia = carried.inertia_diag_kgm2

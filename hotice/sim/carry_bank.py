@@ -63,7 +63,7 @@ class CarryBank:
     @classmethod
     def of(
         cls, states: Sequence[CarryState], timestep_s: float, device: torch.device, *, scene: Scene | None = None,
-        elliptic: bool = False,
+        elliptic: bool = False, one_layout: bool = False,
     ) -> CarryBank:  # fmt: skip
         """Compiles the model of each state and stacks their rows.
 
@@ -71,11 +71,16 @@ class CarryBank:
             states: carry states. timestep_s: physics step. device: of the tensors.
             scene: its obstacles become part of every model (evaluation with exact geometry).
             elliptic: friction cones of evaluation, see `build_model`.
+            one_layout: gives every model a geom of each shape that occurs, see `builder.add_object`.
         """
+        shapes = sorted({s.carried.shape for s in states})
         models = [
-            builder.build_model(s.carried, scene, wrist_pos=s.wrist_pos, timestep_s=timestep_s, elliptic=elliptic)
+            builder.build_model(
+                s.carried, scene, wrist_pos=s.wrist_pos, timestep_s=timestep_s, elliptic=elliptic,
+                object_shapes=shapes if one_layout and len(shapes) > 1 else (),
+            )
             for s in states
-        ]
+        ]  # fmt: skip
 
         def rows(values: Sequence[np.ndarray]) -> Tensor:
             return torch.tensor(np.stack(values), dtype=torch.float32, device=device)

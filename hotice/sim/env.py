@@ -67,8 +67,8 @@ class TransportEnv:
         scenes: scenes to carry through, or a `FieldBank` built from them.
         objects: carried objects, one an environment in turn; default: drawn from `config.objects`.
         preset: row of Table I: dual_hodpf, dual_sgf, single_hodpf, single_sgf.
-        device: of the tensors; the CPU backend needs "cpu".
-        physics: backend, "mujoco".
+        device: of the tensors: "cpu", or "cuda" with physics "warp".
+        physics: backend, "mujoco" or "warp".
         seed: of every random draw.
         config: numbers of the task.
         threads: of the physics (0: all cores).
@@ -92,7 +92,8 @@ class TransportEnv:
     ) -> None:
         if num_envs < 1:
             raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
-        check_memory(num_envs)
+        if physics == "mujoco":
+            check_memory(num_envs)
         self.config = config or TaskConfig()
         self.preset = get_preset(preset)
         self.agents = self.preset.agents
@@ -108,11 +109,12 @@ class TransportEnv:
             self.carry = objects
         elif objects is None:
             self.carry = CarryBank.sample(
-                cfg.objects, min(cfg.carry_states, num_envs), seed, cfg.physics_dt_s, self.device
-            )
+                cfg.objects, min(cfg.carry_states, num_envs), seed, cfg.physics_dt_s, self.device,
+                one_layout=physics == "warp",
+            )  # fmt: skip
         else:
             given = list(objects) if isinstance(objects, Sequence) else [objects]
-            self.carry = CarryBank.of_objects(given, cfg.physics_dt_s, self.device)
+            self.carry = CarryBank.of_objects(given, cfg.physics_dt_s, self.device, one_layout=physics == "warp")
         self.physics = make_physics(physics, self.carry.models, num_envs, self.device, threads)
         self.layout = Layout(self.carry.models[0], self.device)
         self.cover = cover.to_tensors(cover.robot_cover(self.carry.models[0]), self.device)

@@ -12,9 +12,9 @@ import mujoco
 import torch
 from torch import Tensor
 
-from hotice.errors import UnknownName
+from hotice.errors import InvalidConfig, UnknownName
 
-BACKENDS = ("mujoco",)
+BACKENDS = ("mujoco", "warp")
 
 
 class Physics(Protocol):
@@ -68,9 +68,22 @@ class Physics(Protocol):
 def make_physics(
     backend: str, models: Sequence[mujoco.MjModel], num_envs: int, device: torch.device | str, threads: int = 0
 ) -> Physics:
-    """The named backend. Raises `UnknownName`."""
+    """The named backend: "mujoco" on the CPU, "warp" on an NVIDIA GPU (or, slowly, the CPU).
+
+    Raises `UnknownName`, and `InvalidConfig` for a device that the backend cannot use or packages that are missing.
+    """
     if backend == "mujoco":
         from hotice.sim.mujoco_batch import MujocoBatch
 
+        if torch.device(device).type != "cpu":
+            raise InvalidConfig(
+                f"physics 'mujoco' runs on the device 'cpu', not on {str(device)!r}: use physics 'warp'"
+            )
         return MujocoBatch(models, num_envs, threads)
+    if backend == "warp":
+        try:
+            from hotice.sim.mujoco_warp import MujocoWarp
+        except ImportError as error:
+            raise InvalidConfig(f"physics 'warp' needs {error.name}: pip install 'hotice[gpu]'") from None
+        return MujocoWarp(models, num_envs, device)
     raise UnknownName("physics backend", backend, BACKENDS)
