@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -17,16 +18,18 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hotice.errors import InvalidScene, UnknownName
+from hotice.errors import InputError, InvalidScene, UnknownName
+from hotice.files import read_bytes
 from hotice.model.frames import quat_to_mat
-from hotice.model.shapes import MeshShape, Shape, check_keys, number, shape_from_dict, vector
+from hotice.model.shapes import MeshShape, Shape, check_keys, number, shape_from_dict, shown, vector
 
 FORMAT = "hotice-scene/1"
 CATEGORIES = ("ground", "side", "overhead")
 GOAL_HEIGHT_M = 0.75
 """Pelvis height, at which the field's goal is taken."""
 MAX_GRID_NODES = 50_000_000
-MAX_FILE_BYTES = 64 * 2**20
+MAX_FILE_BYTES = 16 * 2**20
+MAX_OBSTACLES = 5000
 COLUMN_HEIGHTS_M = (*(0.1 * i for i in range(1, 13)), GOAL_HEIGHT_M)
 """Heights at which start and goal must be clear of obstacles."""
 SHIPPED = Path(__file__).resolve().parent.parent / "scenes"
@@ -49,9 +52,11 @@ class Obstacle:
         _check_name("obstacle", self.name)
         where = f"obstacle {self.name!r}"
         if self.category not in CATEGORIES:
-            raise InvalidScene(f"{where} has unknown category {self.category!r}: known are {', '.join(CATEGORIES)}")
+            raise InvalidScene(
+                f"{where} has unknown category {shown(self.category)}: known are {', '.join(CATEGORIES)}"
+            )
         if not isinstance(self.shape, Shape):
-            raise InvalidScene(f"{where} has shape {self.shape!r}: a shape of hotice.model.shapes is needed")
+            raise InvalidScene(f"{where} has shape {shown(self.shape)}: a shape of hotice.model.shapes is needed")
         object.__setattr__(self, "position_m", vector(f"{where} position_m", self.position_m, 3))
         quat = np.array(vector(f"{where} quaternion_wxyz", self.quaternion_wxyz, 4))
         norm = float(np.linalg.norm(quat))
@@ -96,7 +101,9 @@ class Scene:
     def __post_init__(self) -> None:
         _check_name("scene", self.name)
         if not isinstance(self.bounds_m, list | tuple | np.ndarray) or len(self.bounds_m) != 2:
-            raise InvalidScene(f"bounds_m is {self.bounds_m!r}: lowest and highest corner, each x, y, z, are needed")
+            raise InvalidScene(
+                f"bounds_m is {shown(self.bounds_m)}: lowest and highest corner, each x, y, z, are needed"
+            )
         low, high = (vector(f"bounds_m[{i}]", b, 3) for i, b in enumerate(self.bounds_m))
         object.__setattr__(self, "bounds_m", (low, high))
         object.__setattr__(self, "start", vector("start", self.start, 3))
@@ -138,12 +145,12 @@ class Scene:
     def from_dict(cls, data: Mapping[str, Any], folder: str | Path | None = None) -> Scene:
         """Inverse of `to_dict`; mesh files are looked up in `folder`. Raises `InvalidScene`."""
         if isinstance(data, Mapping) and data.get("format") != FORMAT:
-            raise InvalidScene(f"scene format is {data.get('format')!r}: known is {FORMAT!r}")
+            raise InvalidScene(f"scene format is {shown(data.get('format'))}: known is {FORMAT!r}")
         check_keys("scene", data, ("format", "name", "bounds_m", "start", "goal", "obstacles"))
         check_keys("start", data["start"], ("position_m",), ("yaw_rad",))
         check_keys("goal", data["goal"], ("position_m",))
         if not isinstance(data["obstacles"], list | tuple):
-            raise InvalidScene(f"obstacles is {data['obstacles']!r}: a list is needed")
+            raise InvalidScene(f"obstacles is {shown(data['obstacles'])}: a list is needed")
         yaw = number("start yaw_rad", data["start"].get("yaw_rad", 0.0))
         start = (*vector("start position_m", data["start"]["position_m"], 2), yaw)
         goal = vector("goal position_m", data["goal"]["position_m"], 2)
@@ -157,6 +164,8 @@ class Scene:
         path = Path(path)
         try:
             return cls.from_dict(_read_json(path), folder=path.parent)
+        except InputError as error:
+            raise InvalidScene(str(error)) from None
         except InvalidScene as error:
             raise InvalidScene(f"{path}: {error}") from None
 
@@ -190,7 +199,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     if text in shipped_scenes():
         return Scene.load(SHIPPED / f"{text}.json")
     path = Path(text)
-    if path.suffix == ".json" or len(path.parts) > 1 or path.is_file():
+    if path.suffix == ".json" or len(path.parts) > 1 or _is(path.is_file):
         return Scene.load(path)
     raise UnknownName("scene", text, shipped_scenes(), "the path of a .json file")
 
@@ -199,7 +208,7 @@ def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
     """Scenes by name, file or folder (every .json in it, sorted). Raises as `load_scene`, also for an empty folder."""
     scenes: list[Scene] = []
     for item in items:
-        if str(item) not in shipped_scenes() and Path(item).is_dir():
+        if str(item) not in shipped_scenes() and _is(Path(item).is_dir):
             files = sorted(Path(item).glob("*.json"))
             if not files:
                 raise InvalidScene(f"{item}: the folder holds no .json scene file")
@@ -209,10 +218,17 @@ def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
     return scenes
 
 
+def _is(question: Callable[[], bool]) -> bool:
+    """The answer about a path; False for text that no path can be."""
+    try:
+        return question()
+    except (OSError, ValueError):
+        return False
+
+
 def _check_name(kind: str, name: object) -> None:
     if not isinstance(name, str) or not name.strip() or len(name) > 200 or not name.isprintable():
-        shown = repr(name) if len(repr(name)) < 80 else repr(name)[:77] + "..."
-        raise InvalidScene(f"{kind} name is {shown}: 1 to 200 printable characters are needed")
+        raise InvalidScene(f"{kind} name is {shown(name)}: 1 to 200 printable characters are needed")
 
 
 def _check_bounds(low: tuple[float, ...], high: tuple[float, ...]) -> None:
@@ -228,10 +244,12 @@ def _check_bounds(low: tuple[float, ...], high: tuple[float, ...]) -> None:
 
 
 def _check_names(obstacles: tuple[Obstacle, ...]) -> None:
+    if len(obstacles) > MAX_OBSTACLES:
+        raise InvalidScene(f"{len(obstacles):,} obstacles, at most {MAX_OBSTACLES:,} are allowed: join some or crop")
     seen: set[str] = set()
     for obstacle in obstacles:
         if not isinstance(obstacle, Obstacle):
-            raise InvalidScene(f"obstacles holds {obstacle!r}: an Obstacle is needed")
+            raise InvalidScene(f"obstacles holds {shown(obstacle)}: an Obstacle is needed")
         if obstacle.name in seen:
             raise InvalidScene(f"obstacle name {obstacle.name!r} occurs twice: names must differ")
         seen.add(obstacle.name)
@@ -267,21 +285,17 @@ def _read_json(path: Path) -> Any:
         raise InvalidScene(f"holds {word}: numbers must be finite")
 
     def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
-        keys = [k for k, _ in items]
-        twice = sorted({k for k in keys if keys.count(k) > 1})
-        if twice:
-            raise InvalidScene(f"key {twice[0]!r} occurs twice in one mapping")
-        return dict(items)
+        mapping = dict(items)
+        if len(mapping) < len(items):
+            twice = Counter(key for key, _ in items).most_common(1)[0][0]
+            raise InvalidScene(f"key {shown(twice)} occurs twice in one mapping")
+        return mapping
 
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise InvalidScene(f"is larger than {MAX_FILE_BYTES // 2**20} MiB")
-        return json.loads(path.read_bytes().decode(), parse_constant=constant, object_pairs_hook=pairs)
-    except FileNotFoundError:
-        raise InvalidScene("no such scene file") from None
-    except OSError as error:
-        raise InvalidScene(f"cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
+        return json.loads(read_bytes(path, MAX_FILE_BYTES).decode(), parse_constant=constant, object_pairs_hook=pairs)
+    except RecursionError:
+        raise InvalidScene("is not a scene: its JSON is nested too deeply") from None
+    except ValueError as error:
         raise InvalidScene(f"is not JSON: {error}") from None
 
 

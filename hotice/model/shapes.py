@@ -7,6 +7,7 @@ file's frame, scaled about the origin.
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,24 +20,33 @@ from hotice.errors import InvalidScene
 
 Points = NDArray[np.float64]
 MESH_SUFFIXES = (".obj", ".off", ".ply", ".stl")
-MAX_LENGTH_M = 1e4
+MIN_LENGTH_M, MAX_LENGTH_M = 1e-6, 1e4
+
+
+_SHOWN = reprlib.Repr()
+_SHOWN.maxlevel, _SHOWN.maxstring, _SHOWN.maxother = 3, 60, 60
+
+
+def shown(value: object) -> str:
+    """`repr` for messages: one line, short and shallow, whatever an untrusted file holds."""
+    return _SHOWN.repr(value)
 
 
 def number(where: str, value: object) -> float:
     """`value` as a finite float no larger than 10 km, or `InvalidScene` that starts with `where`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise InvalidScene(f"{where} is {value!r}: a number is needed")
+        raise InvalidScene(f"{where} is {shown(value)}: a number is needed")
     if isinstance(value, int) and abs(value) > MAX_LENGTH_M or not math.isfinite(value) or abs(value) > MAX_LENGTH_M:
-        shown = value if isinstance(value, float) else "an integer"
-        raise InvalidScene(f"{where} is {shown}: a finite number of at most {MAX_LENGTH_M:g} is needed")
+        came = "an integer" if isinstance(value, int) else f"{value:g}"
+        raise InvalidScene(f"{where} is {came}: a finite number of at most {MAX_LENGTH_M:g} is needed")
     return float(value)
 
 
 def positive(where: str, value: object) -> float:
-    """`number` above 1e-6."""
+    """`number` of at least `MIN_LENGTH_M`."""
     result = number(where, value)
-    if result < 1e-6:
-        raise InvalidScene(f"{where} is {result:g}: a number above 0 is needed")
+    if result < MIN_LENGTH_M:
+        raise InvalidScene(f"{where} is {result:g}: a number above 0 is needed, at least {MIN_LENGTH_M:g}")
     return result
 
 
@@ -45,17 +55,17 @@ def vector(where: str, value: object, length: int) -> tuple[float, ...]:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if not isinstance(value, list | tuple) or len(value) != length:
-        raise InvalidScene(f"{where} is {value!r}: a list of {length} numbers is needed")
+        raise InvalidScene(f"{where} is {shown(value)}: a list of {length} numbers is needed")
     return tuple(number(f"{where}[{i}]", v) for i, v in enumerate(value))
 
 
 def check_keys(where: str, data: object, required: tuple[str, ...], optional: tuple[str, ...] = ()) -> None:
     """`InvalidScene` unless `data` is a mapping with all `required` keys and none beside `optional` ones."""
     if not isinstance(data, Mapping):
-        raise InvalidScene(f"{where} is {data!r}: a mapping with {', '.join(required)} is needed")
+        raise InvalidScene(f"{where} is {shown(data)}: a mapping with {', '.join(required)} is needed")
     for kind, keys in (("lacks", set(required) - set(data)), ("has unknown", set(data) - {*required, *optional})):
         if keys:
-            names = ", ".join(sorted(map(repr, keys)))
+            names = ", ".join(sorted(map(shown, keys))[:5])
             raise InvalidScene(f"{where} {kind} {names}: allowed are {', '.join((*required, *optional))}")
 
 
@@ -206,18 +216,19 @@ class MeshShape(Shape):
         object.__setattr__(self, "scale", positive("mesh scale", self.scale))
         object.__setattr__(self, "folder", Path(self.folder))
         if not isinstance(self.file, str) or not self.file or "\0" in self.file:
-            raise InvalidScene(f"mesh file is {self.file!r}: a path relative to the scene file is needed")
+            raise InvalidScene(f"mesh file is {shown(self.file)}: a path relative to the scene file is needed")
+        name = shown(self.file)
         if Path(self.file).suffix.lower() not in MESH_SUFFIXES:
-            raise InvalidScene(f"mesh file {self.file!r} is of an unknown format: known are {', '.join(MESH_SUFFIXES)}")
+            raise InvalidScene(f"mesh file {name} is of an unknown format: known are {', '.join(MESH_SUFFIXES)}")
         try:
             inside = self.path.is_relative_to(self.folder.resolve())
             found = inside and self.path.is_file()
-        except (OSError, RuntimeError) as error:
-            raise InvalidScene(f"mesh file {self.file!r} cannot be resolved: {error}") from None
+        except (OSError, RuntimeError, ValueError) as error:  # a loop of links; text that is no file name
+            raise InvalidScene(f"mesh file {name} cannot be resolved: {error}") from None
         if not inside:
-            raise InvalidScene(f"mesh file {self.file!r} lies outside the scene's folder: copy it into that")
+            raise InvalidScene(f"mesh file {name} lies outside the scene's folder: copy it into that")
         if not found:
-            raise InvalidScene(f"mesh file {self.file!r} is missing in {self.folder.resolve()}")
+            raise InvalidScene(f"mesh file {name} is missing in {self.folder.resolve()}")
 
     @property
     def path(self) -> Path:
@@ -257,10 +268,10 @@ SHAPES: dict[str, Callable[..., Shape]] = {
 def shape_from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Shape:
     """Shape of a scene file's `shape` entry; mesh files are looked up in `folder`. Raises `InvalidScene`."""
     if not isinstance(data, Mapping) or "type" not in data:
-        raise InvalidScene(f"shape is {data!r}: a mapping with a type is needed ({', '.join(SHAPES)})")
+        raise InvalidScene(f"shape is {shown(data)}: a mapping with a type is needed ({', '.join(SHAPES)})")
     kind = data["type"]
     if not isinstance(kind, str) or kind not in SHAPES:
-        raise InvalidScene(f"unknown shape type {kind!r}: known are {', '.join(SHAPES)}")
+        raise InvalidScene(f"unknown shape type {shown(kind)}: known are {', '.join(SHAPES)}")
     cls: Any = SHAPES[kind]
     if cls is MeshShape:
         check_keys("mesh shape", data, ("type", "file"), ("scale",))
