@@ -190,8 +190,7 @@ class _Loader:
     def _place_mesh(self, entry: Mapping[str, Any], room: str, position: Points, quat: Points, scale: Points) -> None:
         kind = str(entry.get("type") or "structure").strip().lower()
         if "ceil" in kind or kind == "hole":
-            self.used["ceilings and holes, left out on purpose"] += 1
-            return
+            raise _Defect("ceiling or hole, on purpose")
         corners = self._triangles(entry) * scale
         if "floor" not in kind:
             self._add("structure", kind, room, corners, position, quat)

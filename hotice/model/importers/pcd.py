@@ -83,9 +83,11 @@ def read_header(content: bytes) -> PcdHeader:
     encoding = " ".join(entries["DATA"]).lower() if "DATA" in entries else ""
     if encoding not in _ENCODINGS:
         raise InvalidMap(f"PCD data are {encoding[:40]!r}: known are {', '.join(_ENCODINGS)}")
-    grid = [count_of(f"PCD {key}", (entries.get(key) or ["0"])[0]) for key in ("WIDTH", "HEIGHT")]
+    grid = [count_of(f"PCD {key}", entries[key][0]) for key in ("WIDTH", "HEIGHT") if entries.get(key)]
+    if not entries.get("POINTS") and len(grid) < 2:
+        raise InvalidMap("PCD header lacks POINTS")
     points = count_of("PCD POINTS", entries["POINTS"][0]) if entries.get("POINTS") else math.prod(grid)
-    if all(key in entries for key in ("WIDTH", "HEIGHT")) and math.prod(grid) != points:
+    if len(grid) == 2 and math.prod(grid) != points:
         raise InvalidMap(f"PCD header has {grid[0]} x {grid[1]} points and {points} POINTS: they must agree")
     check_count(points)
     return PcdHeader(fields=tuple(fields), points=points, encoding=encoding, size=stop + 1)

@@ -49,4 +49,6 @@ def binary_columns(data: bytes, rows: int, dtype: np.dtype, columns: Sequence[st
             f"is cut short: {rows:,} points of {dtype.itemsize} bytes announced, {len(data):,} bytes there"
         )
     records = np.frombuffer(data, dtype, rows)
-    return np.stack([records[name].reshape(rows, -1)[:, 0].astype(np.float64) for name in columns], axis=1)
+    firsts = (records[name][:, 0] if records[name].ndim > 1 else records[name] for name in columns)
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        return np.stack([values.astype(np.float64) for values in firsts], axis=1)

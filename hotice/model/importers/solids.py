@@ -1,7 +1,7 @@
 """Solids from the triangle meshes of furniture and walls, most of which are open.
 
-Closed bodies stay meshes, exactly. What is loose has small holes filled where that closes it; a plane sheet gets a
-thickness; everything else becomes the union of boxes over the voxels that its surface passes, air that it encloses
+Closed bodies stay meshes, or become the box that they are, exactly. A loose plane sheet gets a thickness, small holes are
+filled where that closes a body, and everything else becomes the union of boxes over the voxels that its surface passes, air that it encloses
 included. Voxels lie along the mesh's own axes and end at its bounding box, so a panel is one layer and the outer size
 is exact; a surface inside moves by at most one voxel.
 """
@@ -34,7 +34,7 @@ THIN_M = 0.01
 class Solid:
     """The union of closed `bodies` (vertices (V, 3), faces (F, 3)) and `boxes` (B, 2, 3), all in the mesh's frame [m].
 
-    `how`: closed, repaired, thickened or boxed, the farthest that any part of it had to go.
+    `how`: closed, thickened, repaired or boxed, the farthest that any part of it had to go.
     """
 
     bodies: tuple[Body, ...]
@@ -42,22 +42,31 @@ class Solid:
     how: str
 
 
-def solidify(corners: Points) -> Solid:
-    """A solid of triangles (F, 3, 3) [m] that have area."""
-    none = np.empty((0, 2, 3))
+def solidify(corners: Points, *, max_sheets: int = 1) -> Solid:
+    """A solid of triangles (F, 3, 3) [m] that have area; what is not closed may be up to `max_sheets` plane sheets."""
     bodies, loose = split_bodies(corners)
     how = "closed"
     if len(loose):
-        patched, loose = split_bodies(_patched(loose))
-        bodies += patched
-        how = "repaired"
-    if len(loose) and (sheet := _thickened(loose)):
-        bodies, loose, how = [*bodies, sheet], loose[:0], "thickened"
-    if not len(loose) and len(bodies) <= MAX_BODIES:
-        return Solid(bodies=tuple(bodies), boxes=none, how=how)
+        plates = _plates(loose, max_sheets)
+        how, loose = ("thickened", loose[:0]) if plates else ("repaired", _patched(loose))
+        patched, loose = split_bodies(loose) if len(loose) else (plates, loose)
+        bodies = [*bodies, *patched]
+    cuboid = [_is_box(body) for body in bodies]
+    boxes = [np.array([v.min(axis=0), v.max(axis=0)]) for (v, _), is_box in zip(bodies, cuboid, strict=True) if is_box]
+    bodies = [body for body, is_box in zip(bodies, cuboid, strict=True) if not is_box]
     if len(bodies) > MAX_BODIES:
-        bodies, loose = [], corners
-    return Solid(bodies=tuple(bodies), boxes=_boxed(loose), how="boxed")
+        return Solid(bodies=(), boxes=_boxed(corners), how="boxed")
+    if len(loose):
+        boxes, how = [*boxes, *_boxed(loose)], "boxed"
+    return Solid(bodies=tuple(bodies), boxes=np.array(boxes).reshape(-1, 2, 3), how=how)
+
+
+def _is_box(body: Body) -> bool:
+    """Whether a closed body is the box round it, along the mesh's axes."""
+    vertices, faces = body
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    volume = (a * np.cross(b, c)).sum() / 6.0
+    return bool(np.isclose(volume, np.ptp(vertices, axis=0).prod(), rtol=1e-6, atol=0.0))
 
 
 def _patched(corners: Points) -> Points:
@@ -66,9 +75,25 @@ def _patched(corners: Points) -> Points:
 
     vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     mesh = trimesh.Trimesh(vertices, faces.reshape(-1, 3), process=False)
-    mesh.fill_holes()
-    mesh.fix_normals(multibody=True)
+    with np.errstate(all="ignore"):
+        mesh.fill_holes()
+        mesh.fix_normals(multibody=True)
     return np.asarray(mesh.triangles, dtype=np.float64)
+
+
+def _plates(corners: Points, most: int) -> list[Body]:
+    """Plates of the plane sheets that the triangles form; empty when they are more or anything else."""
+    import trimesh
+
+    vertices, faces = np.unique(corners.reshape(-1, 3).round(6), axis=0, return_inverse=True)
+    mesh = trimesh.Trimesh(vertices, faces.reshape(-1, 3), process=False)
+    flush = mesh.face_adjacency[mesh.face_adjacency_angles < 1e-3]
+    label = trimesh.graph.connected_component_labels(flush, node_count=len(mesh.faces))
+    if label.max() >= most:
+        return []
+    plates = [_thickened(corners[label == k]) for k in range(label.max() + 1)]
+    closed = [plate for plate in plates if plate is not None]
+    return closed if len(closed) == len(plates) else []
 
 
 def _thickened(corners: Points) -> Body | None:
@@ -85,8 +110,6 @@ def _thickened(corners: Points) -> Body | None:
     edges = np.concatenate([faces[:, [i, (i + 1) % 3]] for i in range(3)])
     _, first, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
     rim, n = edges[first[count == 1]], len(vertices)
-    if count.max() > 2 or len(np.unique(rim[:, 0])) < len(rim):
-        return None
     walls = np.concatenate(
         [
             np.column_stack([rim[:, 1], rim[:, 0], rim[:, 0] + n]),
