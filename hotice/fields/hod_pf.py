@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidConfig
-from hotice.fields.distance import Grid
+from hotice.fields.grid import Grid
 from hotice.fields.potential import FieldParams, u_rep
 from hotice.fields.sample import sample_field
 from hotice.fields.volumes import Volumes, solve_scene, stack

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.fields.distance import Grid, grid_distance
-from hotice.fields.geodesic import extend, solve_geodesic
+from hotice.fields.extension import extend
+from hotice.fields.geodesic import solve_geodesic
+from hotice.fields.grid import Grid
+from hotice.fields.solids import Space
 from hotice.model.scene import Scene
 
 
@@ -46,15 +48,15 @@ class SceneNodes:
 def solve_scene(scene: Scene, resolution_m: float, margins_m: tuple[float, ...]) -> SceneNodes:
     """Distances and geodesics of one scene for each inflation margin; equal margins are solved once."""
     grid = Grid.of(scene, resolution_m)
-    sdf = grid_distance(scene, grid)
+    space = Space.of(scene, grid)
     done: dict[float, tuple[NDArray[np.float32], NDArray[np.bool_]]] = {}
     for margin_m in margins_m:
         if margin_m not in done:
-            geodesic, bits = solve_geodesic(scene, grid, sdf, margin_m)
-            value, gradient = extend(geodesic, bits, grid)
+            geodesic, slope = solve_geodesic(space, margin_m, scene.goal_W)
+            value, gradient = extend(geodesic, slope, grid)
             done[margin_m] = (np.column_stack([value, gradient]).astype(np.float32), np.isfinite(geodesic))
     geo, reached = zip(*(done[m] for m in margins_m), strict=True)
-    return SceneNodes(grid, sdf.astype(np.float32), geo, reached)
+    return SceneNodes(grid, space.sdf.astype(np.float32), geo, reached)
 
 
 def stack(scenes: list[SceneNodes]) -> Volumes:

@@ -1,0 +1,225 @@
+"""Obstacles for compiled code: exact signed distance at any point, fast where a grid has been filled.
+
+For each block of 4 x 4 x 4 nodes `Space` lists the obstacles that can be nearest to a point in it: distances change by
+no more than the way, so an obstacle whose distance at the block's centre exceeds the least one by the block's diameter
+never is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.fields.grid import Grid
+from hotice.model import bvh
+from hotice.model.frames import quat_to_mat
+from hotice.model.scene import Obstacle, Scene
+from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
+
+FAR_M = 10.0
+BLOCK = 4
+_BOX, _CYLINDER, _CAPSULE, _MESH = range(4)
+_BLOCK_REACH = 0.5 * math.sqrt(3.0) * (BLOCK + 1)
+"""Radius in cells about a block's centre, with the outer half cells of the grid."""
+
+
+class Space(NamedTuple):
+    """Obstacles and a grid of (nx, ny, nz) nodes at (ox, oy, oz) + index h, flat because compiled code copies it often.
+
+    `solid` (n, 21): per obstacle kind, size (3), R_WB (9), p_WB (3), bounding ball in W (4), root of its mesh; sizes are
+    half extents of a box, (radius, half length) of a cylinder or capsule; a sphere is a capsule without length.
+    `triangles`, `nodes`: see `bvh.Tree`. Nearest to a point in block b may be `member[start[b]:start[b + 1]]`.
+    `sdf` (nx ny nz,): exact signed distance at the nodes, cut at FAR_M. `thinnest`: least thickness of an obstacle, 0
+    with meshes.
+    """
+
+    solid: NDArray[np.float64]
+    triangles: NDArray[np.float64]
+    nodes: NDArray[np.float64]
+    start: NDArray[np.int64]
+    member: NDArray[np.int64]
+    sdf: NDArray[np.float64]
+    ox: float
+    oy: float
+    oz: float
+    h: float
+    nx: int
+    ny: int
+    nz: int
+    thinnest: float
+
+    @classmethod
+    def of(cls, scene: Scene, grid: Grid) -> Space:
+        """Fills the grid. Raises `InvalidScene` for a mesh that cannot be used."""
+        meshes = list({o.shape: None for o in scene.obstacles if isinstance(o.shape, MeshShape)})
+        tree, roots = bvh.Tree.join([m.mesh().tree for m in meshes])
+        root_of: dict[Any, int] = dict(zip(meshes, roots, strict=True))
+        solid = np.array([_row(o, root_of.get(o.shape, 0)) for o in scene.obstacles]).reshape(-1, 21)
+        thinnest = min((_thickness(o.shape) for o in scene.obstacles), default=FAR_M)
+        place = (*grid.origin.tolist(), grid.resolution_m, *grid.shape, thinnest)
+        none = np.empty(0, dtype=np.int64)
+        empty = cls(solid, tree.triangles, tree.nodes, none, none, np.empty(0), *place)
+        start, member = _block_members(empty)
+        listed = empty._replace(start=start, member=member)
+        return listed._replace(sdf=_fill(listed))
+
+
+def _row(obstacle: Obstacle, root: int) -> list[float]:
+    kind, size = _kind_and_size(obstacle.shape)
+    centre, radius = obstacle.bounding_ball()
+    R_WB = quat_to_mat(obstacle.quaternion_wxyz).reshape(-1)
+    return [kind, *size, *R_WB, *obstacle.position_m, *centre, radius, root]
+
+
+def _kind_and_size(shape: Any) -> tuple[int, tuple[float, float, float]]:
+    match shape:
+        case BoxShape(size_m=(x, y, z)):
+            return _BOX, (0.5 * x, 0.5 * y, 0.5 * z)
+        case CylinderShape(radius_m=radius, length_m=length):
+            return _CYLINDER, (radius, 0.5 * length, 0.0)
+        case CapsuleShape(radius_m=radius, length_m=length):
+            return _CAPSULE, (radius, 0.5 * length, 0.0)
+        case SphereShape(radius_m=radius):
+            return _CAPSULE, (radius, 0.0, 0.0)
+        case MeshShape():
+            return _MESH, (0.0, 0.0, 0.0)
+    raise TypeError(f"no compiled distance for {type(shape).__name__}")
+
+
+def _thickness(shape: Any) -> float:
+    kind, size = _kind_and_size(shape)
+    if kind == _BOX:
+        return 2.0 * min(size)
+    return 2.0 * min(size[:2]) if kind == _CYLINDER else 2.0 * size[0]
+
+
+@numba.njit(cache=True, nogil=True)
+def solid_distance(solid, triangles, nodes, n, x, y, z):
+    """Exact signed distance of a point in W to obstacle n."""
+    x, y, z = x - solid[n, 13], y - solid[n, 14], z - solid[n, 15]
+    bx = solid[n, 4] * x + solid[n, 7] * y + solid[n, 10] * z
+    by = solid[n, 5] * x + solid[n, 8] * y + solid[n, 11] * z
+    bz = solid[n, 6] * x + solid[n, 9] * y + solid[n, 12] * z
+    kind = solid[n, 0]
+    if kind == _BOX:
+        bx, by, bz = abs(bx) - solid[n, 1], abs(by) - solid[n, 2], abs(bz) - solid[n, 3]
+        most = max(bx, by, bz)
+        if most <= 0.0:
+            return most
+        bx, by, bz = max(bx, 0.0), max(by, 0.0), max(bz, 0.0)
+        return math.sqrt(bx * bx + by * by + bz * bz)
+    if kind == _CAPSULE:
+        bz = max(abs(bz) - solid[n, 2], 0.0)
+        return math.sqrt(bx * bx + by * by + bz * bz) - solid[n, 1]
+    if kind == _CYLINDER:
+        radial, axial = math.sqrt(bx * bx + by * by) - solid[n, 1], abs(bz) - solid[n, 2]
+        most = max(radial, axial)
+        if most <= 0.0:
+            return most
+        radial, axial = max(radial, 0.0), max(axial, 0.0)
+        return math.sqrt(radial * radial + axial * axial)
+    return bvh.signed_distance(triangles, nodes, int(solid[n, 20]), bx, by, bz)
+
+
+@numba.njit(cache=True, inline="always")
+def ball_distance(solid, n, x, y, z):
+    """Lower bound of `solid_distance`: to the bounding ball."""
+    return math.sqrt((x - solid[n, 16]) ** 2 + (y - solid[n, 17]) ** 2 + (z - solid[n, 18]) ** 2) - solid[n, 19]
+
+
+@numba.njit(cache=True, nogil=True)
+def _block_members(space):
+    solid, h = space.solid, space.h
+    bx, by, bz = _blocks(space.nx), _blocks(space.ny), _blocks(space.nz)
+    count = len(solid)
+    start = np.zeros(bx * by * bz + 1, np.int64)
+    member = np.empty(max(4 * len(start), count), np.int64)
+    distance = np.empty(count)
+    reach = 2.0 * _BLOCK_REACH * h
+    used = 0
+    for block in range(bx * by * bz):
+        i, j, k = block // (by * bz), block // bz % by, block % bz
+        x = space.ox + (BLOCK * (i + 0.5) - 0.5) * h
+        y = space.oy + (BLOCK * (j + 0.5) - 0.5) * h
+        z = space.oz + (BLOCK * (k + 0.5) - 0.5) * h
+        least = FAR_M
+        for n in range(count):
+            distance[n] = ball_distance(solid, n, x, y, z)
+            if distance[n] <= least + reach:
+                distance[n] = solid_distance(solid, space.triangles, space.nodes, n, x, y, z)
+                least = min(least, distance[n])
+        if used + count > len(member):
+            member = np.concatenate((member, np.empty(len(member) + count, np.int64)))
+        for n in range(count):
+            if distance[n] <= least + reach:
+                member[used] = n
+                used += 1
+        start[block + 1] = used
+    return start, member[:used].copy()
+
+
+@numba.njit(cache=True, nogil=True)
+def _fill(space):
+    sdf = np.empty(space.nx * space.ny * space.nz)
+    node = 0
+    for i in range(space.nx):
+        for j in range(space.ny):
+            for k in range(space.nz):
+                x, y, z = space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
+                sdf[node] = _nearest(space, i, j, k, x, y, z)
+                node += 1
+    return sdf
+
+
+@numba.njit(cache=True, inline="always")
+def _blocks(n):
+    return (n + BLOCK - 1) // BLOCK
+
+
+@numba.njit(cache=True, inline="always")
+def _nearest(space, i, j, k, x, y, z):
+    """Least distance of a point near node (i, j, k) to the members of its block."""
+    block = (i // BLOCK * _blocks(space.ny) + j // BLOCK) * _blocks(space.nz) + k // BLOCK
+    best = FAR_M
+    for m in range(space.start[block], space.start[block + 1]):
+        n = space.member[m]
+        if ball_distance(space.solid, n, x, y, z) < best:
+            best = min(best, solid_distance(space.solid, space.triangles, space.nodes, n, x, y, z))
+    return best
+
+
+@numba.njit(cache=True, inline="always")
+def _index(u, n):
+    return min(max(int(u + 0.5), 0), n - 1)
+
+
+@numba.njit(cache=True, nogil=True)
+def distance_within(space, x, y, z):
+    """Exact signed distance of a point in the grid's box, cut at FAR_M."""
+    i = _index((x - space.ox) / space.h, space.nx)
+    j = _index((y - space.oy) / space.h, space.ny)
+    k = _index((z - space.oz) / space.h, space.nz)
+    return _nearest(space, i, j, k, x, y, z)
+
+
+@numba.njit(cache=True, inline="always")
+def distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, x, y, z):
+    """Lower bound of `distance_within` from the nearest node: its distance less the way to it."""
+    i, j, k = _index((x - ox) / h, nx), _index((y - oy) / h, ny), _index((z - oz) / h, nz)
+    dx, dy, dz = x - ox - i * h, y - oy - j * h, z - oz - k * h
+    return sdf[(i * ny + j) * nz + k] - math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@numba.njit(cache=True, nogil=True)
+def normal_within(space, x, y, z, s):
+    """Unit gradient of `distance_within`, which is s here, by forward differences."""
+    e = 1e-6
+    gx = distance_within(space, x + e, y, z) - s
+    gy = distance_within(space, x, y + e, z) - s
+    gz = distance_within(space, x, y, z + e) - s
+    size = max(math.sqrt(gx * gx + gy * gy + gz * gz), 1e-12)
+    return gx / size, gy / size, gz / size
