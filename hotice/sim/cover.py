@@ -1,12 +1,15 @@
 """A dense cover of robot and object by spheres: what training tests against the scene's signed distance.
 
-Every primitive of the robot is filled with spheres that stick out of it by at most the grid's own error, so that no deep
-penetration is missed and a grazing one is not invented. Evaluation scores exact geometry instead (`hotice.learn.evaluate`).
+Two errors hide a penetration. Spheres leave dents between them, at most `DENT_M` deep. And a grid shows convex obstacles
+thinner than they are, most of all beside thin bars, because interpolation of a convex distance errs upwards. So spheres
+along edges reach the very edge, for which they stick out of both faces by 0.4 of their depth, and those of thin links are
+thicker than the link by `SKIN_M`; elsewhere the cover lies inside the geometry. `python -m benchmarks.collision` measures
+what is missed and what is invented. Evaluation scores exact geometry instead (`hotice.learn.evaluate`).
 """
 
 from __future__ import annotations
 
-from itertools import product
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -16,13 +19,17 @@ from torch import Tensor
 from hotice.model import g1
 from hotice.model.frames import quat_to_mat
 
-SPACING_M = 0.05
-THICK_M, EDGE_RADIUS_M = 0.04, 0.025
-_EDGES = np.array([p for p in product((-1.0, 0.0, 1.0), repeat=3) if np.abs(p).sum() >= 2])
+DENT_M = 0.008
+"""How deep a sharp edge can enter between two neighbouring spheres."""
+EDGE_DEPTH_M = 0.0175
+"""Depth below both faces of the spheres along an edge of robot and object; thin boxes have none."""
+EDGE_RADIUS_M = float(np.sqrt(2.0)) * EDGE_DEPTH_M
+THIN_M, SKIN_M = 0.03, 0.004
+"""Spheres, capsules and boxes of the robot up to this radius or half thickness get this skin."""
 
 
 def robot_cover(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spheres that cover the robot's links.
+    """Spheres that cover the robot's links; soles are left to the feet's boxes.
 
     Returns:
         body (S,) ids, centre (S, 3) in the body frame [m], radius (S,) [m].
@@ -30,66 +37,90 @@ def robot_cover(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, np.ndarr
     bodies, centres, radii = [], [], []
     root = model.body(g1.ROOT_BODY).id
     for geom in range(model.ngeom):
-        name = model.geom(geom).name
         body = int(model.geom_bodyid[geom])
-        if model.body_rootid[body] != root or "_sole_" in name or "_palm_" in name:
+        if model.body_rootid[body] != root or "_sole_" in model.geom(geom).name:
             continue
         R = quat_to_mat(model.geom_quat[geom])
         for local, radius in cover_geom(int(model.geom_type[geom]), model.geom_size[geom]):
-            for centre in local:
-                bodies.append(body)
-                centres.append(model.geom_pos[geom] + R @ centre)
-                radii.append(radius)
-    return np.array(bodies), np.array(centres), np.array(radii)
+            bodies.append(np.full(len(local), body))
+            centres.append(model.geom_pos[geom] + local @ R.T)
+            radii.append(np.full(len(local), radius))
+    return np.concatenate(bodies), np.concatenate(centres), np.concatenate(radii)
 
 
 def cover_geom(kind: int, size: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Groups of sphere centres (S, 3) in the geom frame and their radius, for a sphere, capsule or box.
-
-    A row of spheres as thick as the geom; a thick box also has small ones in its corners and halfway along its edges.
-    """
+    """Groups of sphere centres (S, 3) in the geom frame and their radius, for a sphere, capsule or box."""
+    box = kind == mujoco.mjtGeom.mjGEOM_BOX
+    inner = float(size.min() if box else size[0])
+    skin = SKIN_M if inner <= THIN_M else 0.0
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return [(np.zeros((1, 3)), float(size[0]))]
+        return [(np.zeros((1, 3)), inner + skin)]
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        count = max(1, int(np.ceil(2 * size[1] / SPACING_M)) + 1) if size[1] > 0.005 else 1
-        z = np.linspace(-size[1], size[1], count) if count > 1 else np.zeros(1)
-        return [(np.stack([np.zeros(count), np.zeros(count), z], axis=1), float(size[0]))]
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        radius = float(np.min(size[:3]))
-        axes = []
-        for half in size[:3]:
-            reach = half - radius
-            count = max(1, int(np.ceil(2 * reach / max(SPACING_M, 1.2 * radius))) + 1) if reach > 0.003 else 1
-            axes.append(np.linspace(-reach, reach, count) if count > 1 else np.zeros(1))
-        groups = [(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3), radius)]
-        if radius > THICK_M:
-            groups.append((_EDGES * (size[:3] - EDGE_RADIUS_M), EDGE_RADIUS_M))
-        return groups
-    raise ValueError(f"no sphere cover for geom type {kind}")
+        return [(_points(np.array([0.0, 0.0, size[1]]), inner), inner + skin)]
+    if not box:
+        raise ValueError(f"no sphere cover for geom type {kind}")
+    groups = [(_points(size - inner, inner), inner + skin)]
+    if inner > THIN_M:
+        groups.append((_points(size - EDGE_DEPTH_M, EDGE_DEPTH_M, ends=2), EDGE_RADIUS_M))
+    return groups
 
 
-_GRID = np.stack(np.meshgrid(*3 * [np.linspace(-1, 1, 5)], indexing="ij"), axis=-1).reshape(-1, 3)
-_GRID = np.concatenate([np.zeros((1, 3)), _GRID[np.abs(_GRID).max(axis=1) == 1.0]])
-OBJECT_SPHERES = len(_GRID)
+def _points(reach: np.ndarray, radius: float, ends: int = 1) -> np.ndarray:
+    """Centres (S, 3) up to `reach` (3,) from the middle, so close that spheres of this radius leave dents of `DENT_M`."""
+    spacing = np.sqrt(8.0 * radius * DENT_M)
+    counts = [int(np.ceil(2.0 * r / spacing)) + 1 if r > 0.002 else 1 for r in reach]
+    return _lattice(counts, ends) * reach
+
+
+def _lattice(counts: Sequence[int], ends: int) -> np.ndarray:
+    """Grid points of the cube [-1, 1]^3, as many along each axis as `counts` say, with `ends` coordinates or more at ± 1.
+
+    So 2 leaves the edges, 1 the faces; a single point along an axis lies in the middle and counts as an end.
+    """
+    index = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    last = np.array(counts) - 1
+    at_end = ((index == 0) | (index == last)).sum(axis=1)
+    return np.where(last > 0, 2.0 * index / np.maximum(last, 1) - 1.0, 0.0)[at_end >= ends]
+
+
+_SHELLS = ((12, 2), (5, 2), (3, 1), (1, 0))
+"""Points along an edge of the object and `ends` of `_lattice`, from the outer to the inner shell."""
+OBJECT_SPHERES = sum(len(_lattice(3 * [count], ends)) for count, ends in _SHELLS)
 
 
 def object_cover(shape: str, half_extents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Spheres that fill the carried object: one large in the middle, small ones along faces, edges and corners.
+    """Spheres that fill the carried object: shells of them, small along edges or rims, larger within.
+
+    Radii grow such that the spheres of two shells leave equal dents in a face. Where a shape needs fewer spheres, the
+    last is repeated.
 
     Returns:
-        centre (99, 3) in O [m], radius (99,) [m].
+        centre (S, 3) in O [m], radius (S,) [m], S = `OBJECT_SPHERES`.
     """
     half = np.asarray(half_extents, dtype=float)
     inner = float(half.min())
-    if shape == "sphere":
-        return np.zeros((OBJECT_SPHERES, 3)), np.full(OBJECT_SPHERES, inner)
-    grid, outside = _GRID.copy(), np.abs(_GRID) == 1.0
-    if shape == "cylinder":  # the square of each layer becomes a ring, which has no edges along z
-        flat = np.linalg.norm(grid[:, :2], axis=1, keepdims=True)
-        grid[:, :2] /= np.maximum(flat, 1.0)
-        outside = np.column_stack([outside[:, :2].any(axis=1), outside[:, 2]])
-    radius = inner * np.array([1.0, 0.35, 0.2, 0.12])[outside.sum(axis=1)]
-    return grid * (half - radius[:, None]), radius
+    shells = [(np.zeros((1, 3)), inner)]
+    if shape != "sphere":
+        edge = min(EDGE_DEPTH_M, inner)
+        depths = np.linspace(np.sqrt(edge), np.sqrt(inner), len(_SHELLS)) ** 2
+        shells = []
+        for depth, (count, ends) in zip(depths, _SHELLS, strict=True):
+            points = _lattice(3 * [count], ends)
+            if shape == "cylinder":
+                points = _round(points[np.abs(points[:, 2]) == 1.0] if ends == 2 else points)
+            shells.append((points * (half - depth), depth))
+        shells[0] = (shells[0][0], np.sqrt(2.0) * edge)
+    centre = np.concatenate([points for points, _ in shells])
+    radius = np.concatenate([np.full(len(points), r) for points, r in shells])
+    spare = ((0, OBJECT_SPHERES - len(radius)), (0, 0))
+    return np.pad(centre, spare, mode="edge"), np.pad(radius, spare[0], mode="edge")
+
+
+def _round(points: np.ndarray) -> np.ndarray:
+    """Turns the squares of each layer into rings."""
+    xy = points[:, :2]
+    size = np.linalg.norm(xy, axis=1, keepdims=True)
+    return np.column_stack([xy * np.abs(xy).max(axis=1, keepdims=True) / np.maximum(size, 1e-9), points[:, 2]])
 
 
 def lowest_clearance(sdf: Tensor, radius: Tensor) -> Tensor:

@@ -14,11 +14,12 @@ from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
 from hotice.sim import TransportEnv
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.cover import OBJECT_SPHERES, object_cover, robot_cover
+from hotice.sim.cover import EDGE_DEPTH_M, EDGE_RADIUS_M, OBJECT_SPHERES, SKIN_M, object_cover, robot_cover
 
 CPU = torch.device("cpu")
-SCENES, PER_SCENE = 12, 42
-DEEPEST_MISSED_M = 0.03
+SCENES, PER_SCENE = 14, 42
+DEEPEST_MISSED_M = 0.01
+STICKS_OUT_M = EDGE_RADIUS_M - EDGE_DEPTH_M
 
 
 def random_obstacle(kind, rng):
@@ -29,6 +30,7 @@ def random_obstacle(kind, rng):
         lambda: CapsuleShape(rng.uniform(0.03, 0.08), rng.uniform(0.2, 0.8)),
         lambda: BoxShape((0.04, rng.uniform(0.3, 1.0), 0.04)),
         lambda: CylinderShape(0.02, rng.uniform(0.5, 1.2)),
+        lambda: BoxShape((0.02, *rng.uniform(0.3, 1.0, 2))),
     )[kind]()
 
 
@@ -46,7 +48,7 @@ def both():
     depth, gap = np.zeros((SCENES * PER_SCENE, 2)), np.zeros((SCENES * PER_SCENE, 2))
     for n in range(SCENES):
         place = (0.9, 0.0, rng.uniform(0.1, 1.2))
-        obstacle = Obstacle("it", "side", random_obstacle(n % 6, rng), place, tuple(unit(rng.normal(size=4))))
+        obstacle = Obstacle("it", "side", random_obstacle(n % 7, rng), place, tuple(unit(rng.normal(size=4))))
         scene = Scene(f"scene_{n}", ((-1.5, -1.5, 0), (2.5, 1.5, 1.6)), (-0.9, 0.0, 0.0), (2.2, 1.2), (obstacle,))
         carry = CarryBank.of(states, 0.005, CPU, scene=scene)
         env = TransportEnv(PER_SCENE, FieldBank.build([scene], 0.04), carry, threads=1)
@@ -89,21 +91,34 @@ def test_no_deep_penetration_is_missed(both):
     assert missed.max() < DEEPEST_MISSED_M, missed.max(axis=0)
 
 
-def test_no_collision_is_invented(both):
-    """The cover lies inside the geometry: it says collision only where there is one, up to the grid's error."""
+def test_collisions_are_invented_only_by_a_hair(both):
+    """Where the cover sticks out, it may report a collision just before there is one, and does so rarely."""
     depth, gap = both
-    assert (gap[depth == 0] > -0.005).all()
+    invented = (depth == 0) & (gap < 0)
+    assert gap[depth == 0].min() > -STICKS_OUT_M
+    assert invented.mean() < 0.003
 
 
 def test_robot_spheres_stay_inside_the_links(carry):
-    """By sampling each sphere's surface against the geoms of its body; soles and palms are left to the link's boxes."""
+    """By sampling each sphere's surface against the geoms of its body, grown by what the cover may stick out."""
     model = carry.models[0]
     body, centre, radius = robot_cover(model)
     assert set(body) <= {b for b in range(model.nbody) if model.body_rootid[b] == model.body(g1.ROOT_BODY).id}
     directions = unit(np.random.default_rng(0).normal(size=(100, 3)))
     for b, c, r in zip(body, centre, radius, strict=True):
-        surface = c + (r - 1e-6) * directions
+        out = STICKS_OUT_M if r == EDGE_RADIUS_M else SKIN_M
+        surface = c + (r - out - 1e-6) * directions
         assert any(inside(model, g, surface).all() for g in np.flatnonzero(model.geom_bodyid == b)), model.body(b).name
+
+
+def test_edge_spheres_reach_the_very_edge():
+    box = Box((0.4, 0.3, 0.3), 1.0)
+    centre, radius = object_cover("box", box.half_extents_m)
+    edges = np.isclose(radius, EDGE_RADIUS_M)
+    assert edges.sum() == 12 * 10 + 8
+    below = np.sort(box.half_extents_m - np.abs(centre[edges]), axis=1)[:, :2]
+    np.testing.assert_allclose(below, EDGE_DEPTH_M)
+    np.testing.assert_allclose(np.linalg.norm(below, axis=1), radius[edges])
 
 
 def inside(model, geom, points):
@@ -133,6 +148,8 @@ def test_obstacles_of_the_model_are_no_part_of_the_robot(states, carry):
 def test_object_spheres_stay_inside_and_reach_the_surface(obj):
     centre, radius = object_cover(obj.shape, obj.half_extents_m)
     assert centre.shape == (OBJECT_SPHERES, 3) and radius.shape == (OBJECT_SPHERES,)
+    edge = np.isclose(radius, EDGE_RADIUS_M)
+    radius = np.where(edge, EDGE_DEPTH_M, radius)  # the spheres along edges stick out on purpose
     half = obj.half_extents_m
     if obj.shape == "sphere":
         assert (np.linalg.norm(centre, axis=1) + radius <= half[0] + 1e-9).all()
