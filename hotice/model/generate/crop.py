@@ -17,6 +17,7 @@ from scipy.ndimage import map_coordinates
 from hotice.errors import InvalidScene
 from hotice.model.extents import extent
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
+from hotice.model.generate.traversable import check_traversable
 from hotice.model.scene import Obstacle, Scene
 
 Array = NDArray[np.float64]
@@ -28,6 +29,8 @@ SMALL_M, MEDIUM_M, LARGE_M = (3.0, 2.0, 1.5), (4.0, 3.0, 1.5), (5.0, 5.0, 1.5)
 """Sizes of crops: the first and last are those of the paper's neighbours."""
 BODY_M, LOAD_M, LOAD_AHEAD_M = 0.34, 0.26, 0.45
 """Room that the body needs at start and goal, and the load ahead of it."""
+CORRIDOR_M = 2.6
+"""A way through is looked for in a strip this wide: a larger detour takes too long to carry."""
 NEAR_M = 0.6
 """Things nearer to the straight way than this crowd it."""
 
@@ -125,3 +128,12 @@ def crop(
         if (bottom < high).all() and (top > low).all():
             kept.append(moved)
     return Scene(name, (tuple(low.tolist()), tuple(high.tolist())), (0.0, 0.0, 0.0), (length, 0.0), tuple(kept))
+
+
+def why_blocked(obstacles: Iterable[Obstacle], way: Way) -> str:
+    """Why a load cannot be carried along the way and at most `CORRIDOR_M` / 2 beside it; empty when it can."""
+    size_m = (way.length_m + 1.0, CORRIDOR_M, SMALL_M[2])
+    try:
+        return check_traversable(crop("way", obstacles, way.start, way.goal, size_m)).reason
+    except InvalidScene as error:
+        return str(error)

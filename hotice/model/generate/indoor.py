@@ -15,15 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from hotice.errors import InvalidScene
-from hotice.model.generate.crop import LARGE_M, MEDIUM_M, SMALL_M, Way, crop, propose_ways
-from hotice.model.generate.rooms import RECIPES, Room, furnish
-from hotice.model.generate.traversable import check_traversable
+from hotice.model.generate.crop import LARGE_M, MEDIUM_M, SMALL_M, crop, propose_ways, why_blocked
+from hotice.model.generate.rooms import RECIPES, furnish
 from hotice.model.scene import Scene
 
 MAX_COUNT = 10_000
 MAX_ROOMS, WAYS_PER_ROOM = 20, 3
-CORRIDOR_M = 2.6
-"""The way through is looked for at most half this far off the straight one: a detour beyond takes too long to carry."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,27 +61,20 @@ def _draw(difficulty: float, number: int, rejected: Counter[str]) -> Scene:
         room = furnish(kind, 0.2 + 0.7 * difficulty, rng)
         ways = propose_ways(room.clearance(), rng)
         if not ways:
-            rejected["no free way passes furniture"] += 1
+            rejected[f"{kind}: no free way passes furniture"] += 1
         hardest = round((0.1 + 0.8 * difficulty) * (len(ways) - 1))
         for step in range(min(WAYS_PER_ROOM, hardest + 1)):
             way = ways[hardest - step * max(hardest // WAYS_PER_ROOM, 1)]
             size = SMALL_M if way.length_m <= 2.0 + 1e-9 else (MEDIUM_M if rng.random() < 0.6 else LARGE_M)
-            reason = _blocked(room, way)
+            reason = why_blocked(room.obstacles, way)
             if not reason:
                 return crop(f"indoor_{kind}_{number:03d}", room.obstacles, way.start, way.goal, size)
-            rejected[reason] += 1
+            rejected[f"{kind}: stopped by {_thing(reason)}"] += 1
     raise InvalidScene(f"indoor scene {number}: none of {MAX_ROOMS} rooms of type {kind!r} can be crossed")
 
 
-def _blocked(room: Room, way: Way) -> str:
-    """Why a load cannot be carried along the way, with the kind of thing that stops it; empty when it can."""
-    try:
-        size = (way.length_m + 1.0, CORRIDOR_M, SMALL_M[2])
-        traversal = check_traversable(crop("way", room.obstacles, way.start, way.goal, size))
-    except InvalidScene:
-        return "start or goal is not free"
-    if traversal.ok:
-        return ""
-    name = re.search(r"'(.+?)'", traversal.reason)
+def _thing(reason: str) -> str:
+    """The kind of thing that a reason names, such as "chair" of 'dining_set1_chair2_back'."""
+    name = re.search(r"'(.+?)'", reason)
     things = re.findall(r"([a-z]+(?:_[a-z]+)*)\d", name[1]) if name else []
-    return f"stopped by {things[-1].replace('_', ' ')}" if things else "not traversable"
+    return things[-1].replace("_", " ") if things else "wall"

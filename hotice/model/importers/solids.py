@@ -1,9 +1,9 @@
 """Solids from the triangle meshes of furniture and walls, most of which are open.
 
-Closed bodies stay meshes, or become the box that they are, exactly. A loose plane sheet gets a thickness, small holes are
-filled where that closes a body, and everything else becomes the union of boxes over the voxels that its surface passes, air that it encloses
-included. Voxels lie along the mesh's own axes and end at its bounding box, so a panel is one layer and the outer size
-is exact; a surface inside moves by at most one voxel.
+Closed bodies stay meshes, or become the box that they are, exactly. A loose plane sheet gets a thickness, small holes
+are filled where that closes a body, and everything else becomes the union of boxes over the voxels that its surface
+passes, air that it encloses included. Voxels lie along the mesh's own axes and end at its bounding box, so a panel is
+one layer and the outer size is exact; a surface inside moves by at most one voxel.
 """
 
 from __future__ import annotations
@@ -47,10 +47,12 @@ def solidify(corners: Points, *, max_sheets: int = 1) -> Solid:
     bodies, loose = split_bodies(corners)
     how = "closed"
     if len(loose):
-        plates = _plates(loose, max_sheets)
-        how, loose = ("thickened", loose[:0]) if plates else ("repaired", _patched(loose))
-        patched, loose = split_bodies(loose) if len(loose) else (plates, loose)
-        bodies = [*bodies, *patched]
+        if plates := _plates(loose, max_sheets):
+            how, added, loose = "thickened", plates, loose[:0]
+        else:
+            with np.errstate(invalid="ignore"):  # a filled sheet is a body without volume
+                how, (added, loose) = "repaired", split_bodies(_patched(loose))
+        bodies = [*bodies, *added]
     cuboid = [_is_box(body) for body in bodies]
     boxes = [np.array([v.min(axis=0), v.max(axis=0)]) for (v, _), is_box in zip(bodies, cuboid, strict=True) if is_box]
     bodies = [body for body, is_box in zip(bodies, cuboid, strict=True) if not is_box]
@@ -75,9 +77,8 @@ def _patched(corners: Points) -> Points:
 
     vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     mesh = trimesh.Trimesh(vertices, faces.reshape(-1, 3), process=False)
-    with np.errstate(all="ignore"):
-        mesh.fill_holes()
-        mesh.fix_normals(multibody=True)
+    mesh.fill_holes()
+    mesh.fix_normals(multibody=True)
     return np.asarray(mesh.triangles, dtype=np.float64)
 
 
