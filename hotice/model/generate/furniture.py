@@ -318,16 +318,14 @@ def plant(rng: Rng) -> Piece:
 
 def carton(rng: Rng) -> Piece:
     """A cardboard box, 15 to 45 cm high."""
-    return _piece(
-        "carton", _box("body", *(_span(rng.uniform(0.25, 0.5)) for _ in "xy"), (0.0, rng.uniform(0.15, 0.45)))
-    )
+    x, y = rng.uniform(0.25, 0.5, 2)
+    return _piece("carton", _box("body", _span(x), _span(y), (0.0, rng.uniform(0.15, 0.45))))
 
 
 def books(rng: Rng) -> Piece:
     """A stack of books, 3 to 12 cm high."""
-    return _piece(
-        "books", _box("stack", *(_span(rng.uniform(0.18, 0.3)) for _ in "xy"), (0.0, rng.uniform(0.03, 0.12)))
-    )
+    x, y = rng.uniform(0.18, 0.3, 2)
+    return _piece("books", _box("stack", _span(x), _span(y), (0.0, rng.uniform(0.03, 0.12))))
 
 
 def shoes(rng: Rng) -> Piece:

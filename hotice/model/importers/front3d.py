@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from hotice.errors import InputError, InvalidMap
 from hotice.files import read_bytes
-from hotice.model.frames import quat_rotate
+from hotice.model.frames import quat_rotate, quat_to_mat
 from hotice.model.importers.meshes import read_triangles
 from hotice.model.importers.polygons import triangulated, unit_normals
 
@@ -69,7 +69,7 @@ class PlacedMesh:
     @property
     def corners_H(self) -> Points:
         """Triangles in H, (F, 3, 3) [m]."""
-        return quat_rotate(np.array(self.quaternion_wxyz), self.corners) + self.position_m
+        return self.corners @ quat_to_mat(self.quaternion_wxyz).T + np.array(self.position_m)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

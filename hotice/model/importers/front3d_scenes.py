@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_dilation
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from hotice.errors import InvalidConfig, InvalidScene
 from hotice.files import make_folder
@@ -106,7 +106,7 @@ def crop_house(solids: SolidHouse, name: str, start: ArrayLike, goal: ArrayLike,
     floors = [floor_below(solids.house, p) for p in (start, goal)]
     for what, p, floor in zip(("start", "goal"), (start, goal), floors, strict=True):
         if floor is None:
-            raise InvalidScene(f"{what} {tuple(np.round(p, 3))} is on no floor of house {solids.house.name!r}")
+            raise InvalidScene(f"{what} {np.asarray(p).tolist()} is on no floor of house {solids.house.name!r}")
     below, beyond = (f.height_m for f in floors if f)
     if abs(below - beyond) > LEVEL_M:
         raise InvalidScene(f"start and goal are on floors at {below:.2f} m and {beyond:.2f} m: one level is needed")
@@ -176,7 +176,7 @@ def level_clearance(house: House, level: list[Floor]) -> ClearanceMap:
     p = np.concatenate(
         [np.empty((0, 3)), *(sample_surface(q.corners_H, SPACING_M / 2, low, high) for q in house.pieces)]
     )
-    nearest = cKDTree(p[:, :2]).query(nodes)[0] if len(p) else np.full(shape, np.inf)
+    nearest = KDTree(p[:, :2]).query(nodes)[0] if len(p) else np.full(shape, np.inf)
     return ClearanceMap(origin=origin, nearest=np.where(grown, np.minimum(nearest, 1.0), OFF_LIMITS_M))
 
 
@@ -192,7 +192,10 @@ def _levels(house: House) -> list[list[Floor]]:
 
 
 def _near(solids: SolidHouse, start: ArrayLike, goal: ArrayLike, size_m: Size, floor_m: float) -> list[Obstacle]:
-    middle, reach = 0.5 * (np.asarray(start) + goal), 0.5 * float(np.hypot(*size_m[:2]))
+    middle, reach = (
+        0.5 * (np.array(start, dtype=float) + np.array(goal, dtype=float)),
+        0.5 * float(np.hypot(*size_m[:2])),
+    )
     low, high = np.array([*(middle - reach), 0.0]), np.array([*(middle + reach), size_m[2]])
     return solids.obstacles(low, high, floor_m)
 
