@@ -74,9 +74,11 @@ def closed(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def enclosed(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """`solid` and the air in it that has no way out through faces, the floor below layer 0 being closed."""
+    """`solid` and the air in it that has no way out but holes of up to two voxels, the floor below layer 0 being closed."""
     with_floor = np.pad(solid, ((0, 0), (0, 0), (1, 0)), constant_values=True)
-    return ndimage.binary_fill_holes(with_floor)[:, :, 1:]
+    thick = ndimage.binary_dilation(with_floor, _TOUCHING)
+    core = ndimage.binary_fill_holes(thick) & ~thick
+    return ndimage.binary_fill_holes(with_floor | ndimage.binary_dilation(core, _TOUCHING))[:, :, 1:]
 
 
 def cover_by_boxes(solid: NDArray[np.bool_]) -> NDArray[np.int64]:
