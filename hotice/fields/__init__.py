@@ -9,15 +9,17 @@ from hotice.fields.similarity import scene_similarity, similarity_to_set
 if TYPE_CHECKING:
     from hotice.fields.alignment import cosine, encode, residual_cosine
     from hotice.fields.bank import FieldBank, FieldSample
+    from hotice.fields.guidance import Guidance, query
 
 _LAZY = {
     "FieldBank": "bank", "FieldSample": "bank",
+    "Guidance": "guidance", "query": "guidance",
     "cosine": "alignment", "encode": "alignment", "residual_cosine": "alignment",
 }  # fmt: skip
 
 __all__ = [
-    "FieldBank", "FieldParams", "FieldSample", "GuidanceField", "HodPf",
-    "build_hod_pf", "cosine", "encode", "residual_cosine", "scene_similarity", "similarity_to_set",
+    "FieldBank", "FieldParams", "FieldSample", "Guidance", "GuidanceField", "HodPf",
+    "build_hod_pf", "cosine", "encode", "query", "residual_cosine", "scene_similarity", "similarity_to_set",
 ]  # fmt: skip
 
 

@@ -32,8 +32,28 @@ def _model(carries: bool) -> pinocchio.Model:
     return model
 
 
+@lru_cache(maxsize=2)
+def _support(carries: bool) -> Array:
+    model = _model(carries)
+    support = np.zeros((model.njoints, model.nv))
+    for joint in range(1, model.njoints):
+        for above in model.supports[joint].tolist()[1:]:
+            start = model.joints[above].idx_v
+            support[joint, start : start + model.joints[above].nv] = 1.0
+    return support
+
+
+@lru_cache(maxsize=2)
+def _frames(body: bool) -> dict[str, tuple[int, pinocchio.SE3]]:
+    """Parent joint and pose in its frame of the bodies or the sites of g1.xml, by name."""
+    import pinocchio as pin
+
+    kind = pin.FrameType.BODY if body else pin.FrameType.OP_FRAME
+    return {f.name: (int(f.parentJoint), f.placement.copy()) for f in _model(False).frames if f.type == kind}
+
+
 class Kinematics:
-    """The 29-joint robot, and a free object where `carries`; call `update` before anything else.
+    """The 29-joint robot, and a free object where `carries`; call `update` before asking for points.
 
     `model` and `data` are Pinocchio's; `support` (joints, nv) says which parts of v move the body behind a joint.
     """
@@ -42,12 +62,8 @@ class Kinematics:
         self.carries = carries
         self.model = _model(carries)
         self.data = self.model.createData()
+        self.support = _support(carries)
         self.object_joint = self.model.getJointId(builder.OBJECT_BODY) if carries else 0
-        self.support = np.zeros((self.model.njoints, self.model.nv))
-        for joint in range(1, self.model.njoints):
-            for above in self.model.supports[joint].tolist()[1:]:
-                start = self.model.joints[above].idx_v
-                self.support[joint, start : start + self.model.joints[above].nv] = 1.0
 
     def columns(self, joints: int) -> NDArray[np.int64]:
         """Which parts of v the robot with 20 or 29 joints has, object included. Raises `InvalidState`."""
@@ -66,15 +82,11 @@ class Kinematics:
 
     def body_frame(self, body: str) -> tuple[int, pinocchio.SE3]:
         """Joint that carries a body of g1.xml, and the body's pose in that joint's frame. Raises `UnknownName`."""
-        import pinocchio as pin
-
-        return self._frame(body, pin.FrameType.BODY)
+        return self._frame(body, _frames(True))
 
     def sites(self, names: Sequence[str]) -> tuple[NDArray[np.int64], Array]:
         """Joint (K,) and place p_JK (K, 3) [m] in the joint's frame of sites of g1.xml. Raises `UnknownName`."""
-        import pinocchio as pin
-
-        found = [self._frame(name, pin.FrameType.OP_FRAME) for name in names]
+        found = [self._frame(name, _frames(False)) for name in names]
         return np.array([j for j, _ in found]), np.array([X.translation for _, X in found])
 
     def points(self, joint: NDArray[np.int64], p_J: Array) -> Array:
@@ -88,8 +100,8 @@ class Kinematics:
         moves = linear.T + np.cross(angular.T, p_W[:, None])  # (K, nv, 3)
         return np.swapaxes(moves * self.support[joint][..., None], 1, 2)
 
-    def _frame(self, name: str, kind: pinocchio.FrameType) -> tuple[int, pinocchio.SE3]:
-        frames = {f.name: f for f in self.model.frames if f.type == kind}
-        if name not in frames:
-            raise UnknownName("frame", name, frames)
-        return int(frames[name].parentJoint), frames[name].placement
+    @staticmethod
+    def _frame(name: str, known: dict[str, tuple[int, pinocchio.SE3]]) -> tuple[int, pinocchio.SE3]:
+        if name not in known:
+            raise UnknownName("frame", name, known)
+        return known[name]

@@ -131,12 +131,12 @@ class RobotState:
     def to_pinocchio(self) -> tuple[Array, Array]:
         """Q (36,) and v (35,) of the 29-joint robot; with an object, whose free joint follows, (43,) and (41,)."""
 
-        def body(v_W: Array, quat: Array) -> Array:
-            return quat_rotate(quat_conj(quat), v_W)
+        def in_body(v_W: Array, quat: Array) -> Array:
+            return np.asarray(quat_rotate(quat_conj(quat), v_W), dtype=np.float64)
 
         q = [self.p_WP, np.roll(self.quat_WP, -1), self.joint_pos]
-        v = [body(self.v_WP, self.quat_WP), self.w_WP_P, self.joint_vel]
+        v = [in_body(self.v_WP, self.quat_WP), self.w_WP_P, self.joint_vel]
         if self.carried is not None:
             q += [self.p_WO, np.roll(self.quat_WO, -1)]
-            v += [body(self.v_WO, self.quat_WO), self.w_WO_O]
+            v += [in_body(self.v_WO, self.quat_WO), self.w_WO_O]
         return np.concatenate(q), np.concatenate(v)
