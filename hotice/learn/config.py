@@ -115,6 +115,8 @@ class TrainConfig:
     """First standard deviation of leg and arm actions."""
     ppo: PpoConfig = field(default_factory=PpoConfig)
     """Optimiser."""
+    perturbed: bool = False
+    """Noise, delays, pushes and uncertain dynamics as for students (zero otherwise, or as given one by one)."""
     task: TaskConfig = field(default_factory=lambda: TaskConfig(anywhere=0.7, end_at_goal=False))
     """Task."""
 

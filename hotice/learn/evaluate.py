@@ -58,6 +58,8 @@ class EvaluateConfig:
     """Threads; 0: all cores."""
     fine: bool = False
     """Simulate with 2 ms steps and elliptic friction cones instead of the training settings."""
+    perturbed: bool = False
+    """Noise, delays, pushes and uncertain dynamics as in the training of students."""
     shapes: tuple[str, ...] = ("box",)
     """Shapes of the carried objects."""
     size_m: tuple[float, float] = (0.20, 0.40)
@@ -110,7 +112,7 @@ class SceneScore:
         }  # fmt: skip
 
 
-def evaluation_task(task: dict[str, Any], *, fine: bool = False) -> TaskConfig:
+def evaluation_task(task: dict[str, Any], *, fine: bool = False, perturbed: bool = False) -> TaskConfig:
     """The task a policy was trained on, with the paper's trial: 5 s, from the scene's start, over at the goal."""
     known = TaskConfig()
     kept = (
@@ -120,6 +122,7 @@ def evaluation_task(task: dict[str, Any], *, fine: bool = False) -> TaskConfig:
     values = {k: task[k] for k in kept if k in task}
     if fine:
         values |= {"physics_dt_s": 0.002, "substeps": 10}
+    known = known.perturbed() if perturbed else known
     return replace(
         known, **values, episode_s=5.0, goal_radius_m=0.1, anywhere=0.0, end_at_goal=True, collisions=True,
         start_noise_m=0.03, start_yaw_noise_rad=0.1,
@@ -128,13 +131,15 @@ def evaluation_task(task: dict[str, Any], *, fine: bool = False) -> TaskConfig:
 
 def score_scene(
     policy: Policy, scene: Scene, states: Sequence, rollouts: int, seed: int, *, batch: int = 256, threads: int = 0,
-    fine: bool = False, on_trials: Callable[[int], None] | None = None,
+    fine: bool = False, perturbed: bool = False, on_trials: Callable[[int], None] | None = None,
 ) -> SceneScore:  # fmt: skip
     """Runs the trials of one scene; every carry state is used in turn."""
-    config = evaluation_task(policy.meta["task"], fine=fine)
+    config = evaluation_task(policy.meta["task"], fine=fine, perturbed=perturbed)
     device = torch.device("cpu")
     bank = FieldBank.build([scene], config.resolution_m, config.margin_m)
-    carry = CarryBank.of(states, config.physics_dt_s, device, scene=scene, elliptic=fine)
+    carry = CarryBank.of(
+        states, config.physics_dt_s, device, scene=scene, elliptic=fine, dynamics=config.dynamics, seed=seed
+    )
     score = SceneScore(scene.name)
     size = min(batch, rollouts)
     env = TransportEnv(size, bank, carry, policy.meta["preset"], seed=seed, config=config, threads=threads)
@@ -185,7 +190,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
             scores.append(
                 score_scene(
                     policy, scene, states, config.rollouts, config.seed, batch=config.batch, threads=config.threads,
-                    fine=config.fine, on_trials=lambda n: progress.advance(task, n),
+                    fine=config.fine, perturbed=config.perturbed, on_trials=lambda n: progress.advance(task, n),
                 )
             )  # fmt: skip
     report = make_report(policy, config, scores)
@@ -204,7 +209,7 @@ def make_report(policy: Policy, config: EvaluateConfig, scores: Sequence[SceneSc
         "format": FORMAT, "policy": policy.name, "seed": config.seed, "rollouts": config.rollouts,
         "success_rate": wins / max(1, total), "success_interval_95": [round(low, 4), round(high, 4)],
         "mean_distance_m": sum(sum(s.distances_m) for s in scores) / max(1, total),
-        "physics": "2 ms, elliptic" if config.fine else "5 ms, pyramidal",
+        "perturbed": config.perturbed, "physics": "2 ms, elliptic" if config.fine else "5 ms, pyramidal",
         "objects": {"shapes": list(config.shapes), "size_m": list(config.size_m), "mass_kg": list(config.mass_kg)},
         "trained": policy.meta.get("trained", {}), "preset": policy.meta["preset"], "source": source_version(),
         "scenes": [s.to_dict() for s in scores],
@@ -217,6 +222,7 @@ def print_report(report: dict[str, Any], console) -> None:
 
     table = Table(
         title=f"{report['policy']}: {report['rollouts']} trials a scene, seed {report['seed']}, {report['physics']}"
+        + (", noise and pushes" if report["perturbed"] else "")
     )
     for name, justify in (
         ("scene", "left"),

@@ -40,9 +40,10 @@ class Runner:
         self.config = config
         use_threads(config.threads)
         torch.manual_seed(config.seed)
+        task = config.task.perturbed() if config.perturbed else config.task
         self.env = env or TransportEnv(
             config.num_envs, resolve_scenes(config.scenes), preset=config.preset, device=config.torch_device(),
-            physics=config.physics, seed=config.seed, config=config.task, threads=config.threads,
+            physics=config.physics, seed=config.seed, config=task, threads=config.threads,
         )  # fmt: skip
         env = self.env
         self.net = ActorCritic(

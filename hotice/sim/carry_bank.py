@@ -18,6 +18,7 @@ from hotice.model.object_range import ObjectRange
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim.cover import object_cover
+from hotice.sim.dynamics import DynamicsConfig, joint_offset, perturb
 from hotice.sim.snapshot import Grasp
 
 
@@ -29,6 +30,7 @@ class CarryBank:
     models: tuple[mujoco.MjModel, ...]
     qpos: Tensor  # (M, 34)
     target: Tensor  # (M, 20)
+    joint_offset: Tensor  # (M, 20) error of the encoders
     cover_centre: Tensor  # (M, 99, 3)
     cover_radius: Tensor  # (M, 99)
     grasp: Grasp
@@ -51,7 +53,7 @@ class CarryBank:
                 reasons.append(str(error))
                 if len(reasons) > 2 * count + 4:
                     raise CarryInfeasible(f"{len(reasons)} of {len(reasons) + len(states)} objects: {error}") from None
-        return cls.of(states, timestep_s, device, **build)
+        return cls.of(states, timestep_s, device, **{"seed": seed, **build})
 
     @classmethod
     def of_objects(
@@ -63,7 +65,7 @@ class CarryBank:
     @classmethod
     def of(
         cls, states: Sequence[CarryState], timestep_s: float, device: torch.device, *, scene: Scene | None = None,
-        elliptic: bool = False, one_layout: bool = False,
+        elliptic: bool = False, one_layout: bool = False, dynamics: DynamicsConfig | None = None, seed: int = 0,
     ) -> CarryBank:  # fmt: skip
         """Compiles the model of each state and stacks their rows.
 
@@ -72,6 +74,7 @@ class CarryBank:
             scene: its obstacles become part of every model (evaluation with exact geometry).
             elliptic: friction cones of evaluation, see `build_model`.
             one_layout: gives every model a geom of each shape that occurs, see `builder.add_object`.
+            dynamics, seed: spread of the robots' parameters, drawn anew for each state.
         """
         shapes = sorted({s.carried.shape for s in states})
         models = [
@@ -81,6 +84,9 @@ class CarryBank:
             )
             for s in states
         ]  # fmt: skip
+        if dynamics is not None and not dynamics.nominal:
+            rng = np.random.default_rng([seed, 1])
+            models = [perturb(model, dynamics, rng) for model in models]
 
         def rows(values: Sequence[np.ndarray]) -> Tensor:
             return torch.tensor(np.stack(values), dtype=torch.float32, device=device)
@@ -89,7 +95,7 @@ class CarryBank:
         return cls(
             states=tuple(states), models=tuple(models),
             qpos=torch.tensor(np.stack([s.qpos() for s in states]), dtype=torch.float64, device=device),
-            target=rows([s.joint_target for s in states]),
+            target=rows([s.joint_target for s in states]), joint_offset=rows([joint_offset(m) for m in models]),
             cover_centre=rows([c for c, _ in covers]), cover_radius=rows([r for _, r in covers]),
             grasp=Grasp(
                 joint_pos=rows([s.joint_pos for s in states]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -11,8 +11,12 @@ import numpy as np
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
 from hotice.model.object_range import ObjectRange
+from hotice.sim.dynamics import STUDENT_DYNAMICS, DynamicsConfig
+from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
 
 LOW, UP = "low", "up"
+STUDENT_PUSH_M_S = 1.0
+"""Largest push of students (CAT)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +109,10 @@ class TaskConfig:
     """Share of episodes that start anywhere with room to stand, heading along the field (training; ours)."""
     anywhere_yaw_noise_rad: float = 0.6
     """Uniform noise of the heading of such starts: goals lie in a sector of ± 35 degrees (ours)."""
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    """Noise and delay of what the actor reads (zero for teachers)."""
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    """Spread of the robots' parameters (zero for teachers)."""
     push_m_s: float = 0.0
     """Largest push: a change of root velocity (CAT, student: 1.0; zero for teachers)."""
     push_interval_s: float = 5.0
@@ -150,3 +158,7 @@ class TaskConfig:
     def max_steps(self) -> int:
         """Control steps in an episode."""
         return round(self.episode_s / self.control_dt_s)
+
+    def perturbed(self) -> TaskConfig:
+        """The same task under noise, delay, pushes and uncertain dynamics: for students and for evaluation."""
+        return replace(self, sensing=STUDENT_SENSING, dynamics=STUDENT_DYNAMICS, push_m_s=STUDENT_PUSH_M_S)

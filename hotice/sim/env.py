@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -25,6 +26,7 @@ from hotice.sim.memory import check_memory
 from hotice.sim.observations import POLICY, PRIVILEGED, ObservationTable
 from hotice.sim.physics import make_physics
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
+from hotice.sim.sensing import KNOWN_ROWS, Sensors
 from hotice.sim.snapshot import NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
 from hotice.sim.terminations import OUTCOMES, TERMINATIONS
 
@@ -110,11 +112,13 @@ class TransportEnv:
         elif objects is None:
             self.carry = CarryBank.sample(
                 cfg.objects, min(cfg.carry_states, num_envs), seed, cfg.physics_dt_s, self.device,
-                one_layout=physics == "warp",
+                one_layout=physics == "warp", dynamics=cfg.dynamics,
             )  # fmt: skip
         else:
             given = list(objects) if isinstance(objects, Sequence) else [objects]
-            self.carry = CarryBank.of_objects(given, cfg.physics_dt_s, self.device, one_layout=physics == "warp")
+            self.carry = CarryBank.of_objects(
+                given, cfg.physics_dt_s, self.device, one_layout=physics == "warp", dynamics=cfg.dynamics, seed=seed
+            )
         self.physics = make_physics(physics, self.carry.models, num_envs, self.device, threads)
         self.layout = Layout(self.carry.models[0], self.device)
         self.cover = cover.to_tensors(cover.robot_cover(self.carry.models[0]), self.device)
@@ -122,7 +126,14 @@ class TransportEnv:
         self.rewards = RewardTable(REWARDS, self.agents, cfg.control_dt_s)
         self.policy_table = ObservationTable(POLICY)
         self.critic_table = ObservationTable(POLICY + PRIVILEGED)
+        self.everyone = torch.arange(num_envs, device=self.device)
         self.memory = Memory.zeros(num_envs, self.device)
+        self.held = torch.zeros(num_envs, 20, device=self.device)
+        self.read = torch.zeros(num_envs, self.policy_table.size, device=self.device)
+        self.sensors = Sensors(
+            cfg.sensing, num_envs, cfg.control_dt_s, cfg.substeps, self.device, self._guide,
+            self.policy_table.columns(KNOWN_ROWS).to(self.device),
+        )  # fmt: skip
         scale = torch.full((20,), cfg.leg_scale_rad, device=self.device)
         scale[12:] = cfg.arm_scale_rad
         self.action_scale = scale
@@ -137,16 +148,18 @@ class TransportEnv:
 
     def reset(self) -> tuple[Tensor, Tensor]:
         """Starts every episode; returns policy (N, O) and critic (N, C) observations."""
-        everyone = torch.arange(self.num_envs, device=self.device)
-        self._start(everyone)
+        self._start(self.everyone)
         s = self.snapshot()
         self.rewards.check(s)
-        return self.policy_table(s), self.critic_table(s)
+        return self._observe(s, self.everyone), self.critic_table(s)
 
     def state(self) -> dict[str, Tensor]:
         """Copies of everything that later steps depend on: physics, memory, random state, scene weights."""
         rows = {f"physics.{k}": v for k, v in self.physics.state().items()}
         rows |= {f"memory.{k}": v.clone() for k, v in vars(self.memory).items()}
+        if not self.config.sensing.exact:
+            rows |= {f"sensors.{k}": v for k, v in self.sensors.state().items()}
+            rows |= {"held": self.held.clone(), "read": self.read.clone()}
         rows["generator"] = self.generator.get_state()
         rows["scene_weight"] = self.starter.scene_weight.clone()
         rows["unstable"] = torch.tensor(self.unstable)
@@ -156,20 +169,24 @@ class TransportEnv:
         """Restores `state()` of an equal environment and returns its observations; it then goes on bit for bit."""
         for name in vars(self.memory):
             getattr(self.memory, name).copy_(state[f"memory.{name}"])
-        everyone = torch.arange(self.num_envs, device=self.device)
-        self.physics.set_models(everyone, self.memory.model)
+        self.physics.set_models(self.everyone, self.memory.model)
         self.physics.load_state({k.removeprefix("physics."): v for k, v in state.items() if k.startswith("physics.")})
         self.generator.set_state(state["generator"].cpu())
         self.starter.scene_weight.copy_(state["scene_weight"])
         self.unstable = int(state["unstable"])
         s = self.snapshot()
-        return self.policy_table(s), self.critic_table(s)
+        if self.config.sensing.exact:
+            return self.policy_table(s), self.critic_table(s)
+        self.sensors.load_state({k.removeprefix("sensors."): v for k, v in state.items() if k.startswith("sensors.")})
+        self.held.copy_(state["held"])
+        self.read.copy_(state["read"])
+        return self.read.clone(), self.critic_table(s)
 
     def step(self, action: Tensor) -> Step:
         """One control step (20 ms) with actions (N, 20)."""
         self._act(action)
         push(self.physics, self.config, self.generator)
-        self.physics.step(self.config.substeps)
+        self._advance()
         unstable = self._contain()
         s = self.snapshot()
         outcome = self._outcome(s, unstable)
@@ -180,7 +197,7 @@ class TransportEnv:
         reward = reward + TERMINATION_PENALTY * (terminated & ~success)[:, None]
         reward = torch.where(unstable[:, None], torch.full_like(reward, TERMINATION_PENALTY), reward)
         terms = torch.where(unstable[:, None], torch.zeros_like(terms), terms)
-        policy, critic = self.policy_table(s), self.critic_table(s)
+        policy, critic = self._observe(s, self.everyone), self.critic_table(s)
         final_critic = critic
         scene, model, length = self.memory.scene.clone(), self.memory.model.clone(), self.memory.step.clone()
         done = torch.nonzero(outcome > 0).squeeze(1)
@@ -188,7 +205,7 @@ class TransportEnv:
             final_critic = critic.clone()
             self._start(done)
             fresh = self.snapshot(done)
-            policy[done], critic[done] = self.policy_table(fresh), self.critic_table(fresh)
+            policy[done], critic[done] = self._observe(fresh, done), self.critic_table(fresh)
         return Step(
             policy=policy, critic=critic, final_critic=final_critic, reward=reward, terms=terms,
             terminated=terminated, truncated=truncated, outcome=outcome, goal_distance=s.goal_distance,
@@ -206,6 +223,30 @@ class TransportEnv:
         self.physics.ctrl[:] = target.to(self.physics.ctrl.dtype)
         m.phase = (m.phase + 2 * torch.pi * self.config.gait_hz * self.config.control_dt_s) % (2 * torch.pi)
         m.step = m.step + 1
+
+    def _advance(self) -> None:
+        """Physics of one control step; until a delayed target arrives, the motors hold the one before."""
+        sensors, ctrl = self.sensors, self.physics.ctrl
+        if not sensors.longest_delay:
+            self.physics.step(self.config.substeps)
+            return
+        target = ctrl.clone()
+
+        def before(k: int) -> None:
+            arrived = (sensors.action_delay <= k)[:, None]
+            ctrl[:] = torch.where(arrived, target, self.held.to(target.dtype))
+
+        self.physics.step(self.config.substeps, before)
+        self.held = target.float()
+
+    def _observe(self, s: Snapshot, ids: Tensor) -> Tensor:
+        """What the actors of environments `ids` read of their snapshot."""
+        if self.config.sensing.exact:
+            return self.policy_table(s)
+        offset = self.carry.joint_offset[self.memory.model[ids]]
+        measured = self.policy_table(self.sensors.measure(s, ids, offset, self.generator))
+        self.read[ids] = self.sensors.delay(measured, ids)
+        return self.read[ids]
 
     def _contain(self) -> Tensor:
         """Finds diverged simulations, (N,) bool, and puts a finite state in their place until they are restarted."""
@@ -241,6 +282,9 @@ class TransportEnv:
         m.last_action = m.last_action.clone()
         m.action[ids] = 0.0
         m.last_action[ids] = 0.0
+        self.held[ids] = self.carry.target[m.model[ids]]
+        if not self.config.sensing.exact:
+            self.sensors.restart(ids, self.generator)
         side = torch.rand(n, generator=self.generator, device=self.device) < 0.5
         m.phase[ids] = torch.where(side, 0.0, torch.pi)
         m.step[ids] = 0
@@ -252,15 +296,6 @@ class TransportEnv:
         scene, model = m.scene[rows], m.model[rows]
         grasp = pick(self.carry.grasp, model)
         motion, xpos, xmat = read_motion(self.physics, self.layout, grasp, ids)
-        sgf = self.bank.sample("sgf", scene, motion.p_WK[:, :NUM_SGF])
-        carried = torch.cat([motion.p_WK[:, NUM_SGF : NUM_SGF + 2], motion.p_WOK], dim=1)
-        ogf = self.bank.sample(self.preset.object_field, scene, carried)
-        offset_W = self.bank.goal_W[scene, :2] - motion.p_WP[:, :2]
-        c_W, speed = navigation_command(sgf.force_W[:, STEERED], offset_W, cfg.speed_m_s, cfg.stop_gain_hz)
-        cos, sin = torch.cos(motion.yaw), torch.sin(motion.yaw)
-        goal_Y = torch.stack(
-            [cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1
-        )
         robot_gap, object_gap = self._clearances(motion, xpos, xmat, scene, model)
         if self.physics.hits is None:
             robot_hit, object_hit = robot_gap < -cfg.tolerance_m, object_gap < -cfg.tolerance_m
@@ -270,14 +305,30 @@ class TransportEnv:
         touch = torch.minimum(ends[:, :2], ends[:, 2:]) < TOUCH_HEIGHT_M
         wave = torch.sin(torch.stack([m.phase[rows], m.phase[rows] + torch.pi], dim=1))
         return Snapshot(
-            **vars(motion), sgf=sgf, ogf=ogf, c_W=c_W, speed=speed,
-            heading_error=heading_error(c_W, speed, motion.yaw, cfg.speed_m_s), goal_Y=goal_Y,
-            goal_distance=offset_W.norm(dim=-1), clearance=robot_gap, object_clearance=object_gap,
+            **vars(motion), **self._guide(motion, rows), clearance=robot_gap, object_clearance=object_gap,
             robot_hit=robot_hit, object_hit=object_hit, touch=touch,
             swing=cfg.swing_height_m * torch.clamp(wave, min=0.0), stance=wave < 0.2, action=m.action[rows],
             last_action=m.last_action[rows], phase=m.phase[rows],
             time_left=1.0 - m.step[rows].float() / cfg.max_steps, grasp=grasp,
         )  # fmt: skip
+
+    def _guide(self, motion: Motion, rows: Tensor | slice) -> dict[str, Any]:
+        """Fields, command and goal as seen from a motion of environments `rows`: the guidance part of a snapshot."""
+        scene, cfg = self.memory.scene[rows], self.config
+        sgf = self.bank.sample("sgf", scene, motion.p_WK[:, :NUM_SGF])
+        carried = torch.cat([motion.p_WK[:, NUM_SGF : NUM_SGF + 2], motion.p_WOK], dim=1)
+        ogf = self.bank.sample(self.preset.object_field, scene, carried)
+        offset_W = self.bank.goal_W[scene, :2] - motion.p_WP[:, :2]
+        c_W, speed = navigation_command(sgf.force_W[:, STEERED], offset_W, cfg.speed_m_s, cfg.stop_gain_hz)
+        cos, sin = torch.cos(motion.yaw), torch.sin(motion.yaw)
+        goal_Y = torch.stack(
+            [cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1
+        )
+        return {
+            "sgf": sgf, "ogf": ogf, "c_W": c_W, "speed": speed, "goal_Y": goal_Y,
+            "heading_error": heading_error(c_W, speed, motion.yaw, cfg.speed_m_s),
+            "goal_distance": offset_W.norm(dim=-1),
+        }  # fmt: skip
 
     def _clearances(
         self, motion: Motion, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor

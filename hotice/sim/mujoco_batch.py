@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import mujoco
 import mujoco.batch
@@ -60,13 +60,15 @@ class MujocoBatch:
         for name, values in self._rows.items():
             self._fields[name][rows] = values[which].reshape(len(rows), *self._fields[name].shape[1:])
 
-    def step(self, substeps: int) -> None:
-        if self._hit_count is None or self.hits is None:
-            self._step(substeps)
-        else:
+    def step(self, substeps: int, before: Callable[[int], None] | None = None) -> None:
+        if self.hits is not None:
             self.hits.zero_()
-            for _ in range(substeps):  # a contact counts in whichever substep it happens
-                self._step(1)
+        at_once = substeps if self._hit_count is None and before is None else 1
+        for k in range(0, substeps, at_once):
+            if before is not None:
+                before(k)
+            self._step(at_once)
+            if self._hit_count is not None and self.hits is not None:  # a contact counts in whichever step it happens
                 self.hits |= self._hit_count > 0
         self.actuator_force.copy_(self._force)
 

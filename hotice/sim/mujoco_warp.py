@@ -85,8 +85,12 @@ class MujocoWarp:
             field = self._fields[name]
             field[ids] = values[model_ids].view(len(ids), *field.shape[1:])
 
-    def step(self, substeps: int) -> None:
-        self._run(substeps)
+    def step(self, substeps: int, before: Callable[[int], None] | None = None) -> None:
+        at_once = substeps if before is None else 1
+        for k in range(0, substeps, at_once):
+            if before is not None:
+                before(k)
+            self._run(at_once)
         self.actuator_force.copy_(self._force)
         overflow = self._overflow & ~_LIMITED
         if overflow.any():

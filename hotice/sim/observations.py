@@ -140,6 +140,10 @@ class ObservationTable:
     def __call__(self, s: Snapshot) -> Tensor:
         return torch.cat([row.value(s) for row in self.rows], dim=1)
 
+    def columns(self, names: Sequence[str]) -> Tensor:
+        """Mask (D,) of the columns that belong to the named rows."""
+        return torch.cat([torch.full((len(r.mirror[0]),), r.name in names) for r in self.rows])
+
     def layout(self) -> list[tuple[str, int]]:
         """Names and widths in order: what a stored policy is checked against."""
         return [(r.name, len(r.mirror[0])) for r in self.rows]

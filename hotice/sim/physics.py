@@ -5,7 +5,7 @@ Everything above this protocol is torch and does not know which simulator runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import mujoco
@@ -44,8 +44,11 @@ class Physics(Protocol):
     actuator_force: Tensor
     hits: Tensor | None
 
-    def step(self, substeps: int) -> None:
-        """Advances all simulations; derived tensors then describe the new state."""
+    def step(self, substeps: int, before: Callable[[int], None] | None = None) -> None:
+        """Advances all simulations; derived tensors then describe the new state.
+
+        `before(k)` is called ahead of physics step k and may change `ctrl`.
+        """
         ...
 
     def forward(self, ids: Tensor) -> None:

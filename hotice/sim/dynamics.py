@@ -1,0 +1,99 @@
+"""Domain randomisation: robots whose gains, friction, inertia, masses and motors differ from the description.
+
+A model is perturbed once, when the bank of carry states is compiled: environments that share a model share its robot, and
+a bank of many states is a population of robots. Nothing here knows which simulator runs.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from hotice.errors import InvalidConfig
+from hotice.model import builder, g1
+
+
+@dataclass(frozen=True, kw_only=True)
+class DynamicsConfig:
+    """Uniform spread of parameters: a share around the nominal value, or a range in the unit named. Zero: nominal."""
+
+    gain: float = 0.0
+    """Proportional and derivative gains, each joint on its own (CAT: ± 0.25)."""
+    friction_loss_nm: float = 0.0
+    """Largest dry friction of a joint [N m] (ours: 0.2; the description has none that CAT's ± 0.1 could scale)."""
+    armature: float = 0.0
+    """Armature, only upwards (CAT: + 0.05)."""
+    mass: float = 0.0
+    """Masses and inertias of the links (CAT: ± 0.1)."""
+    torso_mass_kg: float = 0.0
+    """Further mass of the torso (CAT: ± 1)."""
+    torso_com_m: float = 0.0
+    """Centre of mass of the torso along each axis (CAT: ± 0.1; ours: ± 0.05)."""
+    motor_strength: float = 0.0
+    """Torque limits and the torque that a command gives (ours: ± 0.1)."""
+    joint_offset_rad: float = 0.0
+    """Error of the joints' zero positions (ours: ± 0.01)."""
+    contact_friction: float = 0.0
+    """Friction of soles, palms and object (ours: ± 0.2)."""
+    payload: float = 0.0
+    """Mass of the carried object beside what the carry state assumes (ours: ± 0.1)."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        for name in ("gain", "mass", "motor_strength", "contact_friction", "payload"):
+            if getattr(self, name) >= 1:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a share below 1 is needed")
+
+    @property
+    def nominal(self) -> bool:
+        """Whether every robot is as described."""
+        return not any(vars(self).values())
+
+
+STUDENT_DYNAMICS = DynamicsConfig(
+    gain=0.25, friction_loss_nm=0.2, armature=0.05, mass=0.1, torso_mass_kg=1.0, torso_com_m=0.05, motor_strength=0.1,
+    joint_offset_rad=0.01, contact_friction=0.2, payload=0.1,
+)  # fmt: skip
+"""What students are trained and evaluated under."""
+
+
+def perturb(model: mujoco.MjModel, config: DynamicsConfig, rng: np.random.Generator) -> mujoco.MjModel:
+    """A copy of a model of `build_model` with parameters drawn from `config`; the copy's layout is the same."""
+    out = copy.copy(model)
+
+    def around(half: float, *size: int) -> np.ndarray:
+        return 1.0 + half * rng.uniform(-1.0, 1.0, size)
+
+    robot = np.flatnonzero(model.body_rootid == model.body(g1.ROOT_BODY).id)
+    torso, carried = model.body(g1.TORSO_BODY).id, model.body(builder.OBJECT_BODY).id
+    scale = np.ones(model.nbody)
+    scale[robot] = around(config.mass, len(robot))
+    scale[torso] += config.torso_mass_kg * rng.uniform(-1.0, 1.0) / model.body_mass[torso]
+    scale[carried] = around(config.payload)[()]
+    out.body_mass[:] = model.body_mass * scale
+    out.body_inertia[:] = model.body_inertia * scale[:, None]
+    out.body_ipos[torso] += config.torso_com_m * rng.uniform(-1.0, 1.0, 3)
+    strength = around(config.motor_strength, model.nu)
+    kp, kd = (strength * around(config.gain, model.nu) for _ in range(2))
+    out.actuator_gainprm[:, 0] *= kp
+    out.actuator_biasprm[:, 1] *= kp
+    out.actuator_biasprm[:, 2] *= kd
+    out.actuator_forcerange[:] *= strength[:, None]
+    offset = config.joint_offset_rad * rng.uniform(-1.0, 1.0, model.nu)
+    out.actuator_biasprm[:, 0] -= out.actuator_gainprm[:, 0] * offset
+    driven = model.jnt_dofadr[model.actuator_trnid[:, 0]]
+    out.dof_frictionloss[driven] += config.friction_loss_nm * rng.uniform(0.0, 1.0, model.nu)
+    out.dof_armature[:] *= 1.0 + config.armature * rng.uniform(0.0, 1.0, model.nv)
+    out.geom_friction[:, 0] *= around(config.contact_friction, model.ngeom)
+    mujoco.mj_setConst(out, mujoco.MjData(out))
+    return out
+
+
+def joint_offset(model: mujoco.MjModel) -> np.ndarray:
+    """How much more than the truth the encoder of each actuated joint reads, (nu,) [rad]; the servo believes it too."""
+    return -model.actuator_biasprm[:, 0] / model.actuator_gainprm[:, 0]

@@ -1,0 +1,176 @@
+"""What stands between the simulated state and the actor: noise, delays and a root pose that is refreshed now and then.
+
+Rewards, critics and terminations read the true snapshot; the actor reads what `Sensors.measure` makes of it. The estimate of
+the object is one: its pose in the observation and the points where its field is queried agree. All zero (teachers), the
+actor reads the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hotice.errors import InvalidConfig
+from hotice.sim.snapshot import Motion, Snapshot
+
+KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size")
+"""Rows of the policy observation that no sensor measures: they are never late."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensingConfig:
+    """Uniform noise of half width as named, delays and the rate of the root pose. Zero: none."""
+
+    joint_pos_rad: float = 0.0
+    """Joint angles (CAT: 0.03)."""
+    joint_vel_rad_s: float = 0.0
+    """Joint velocities (CAT: 1.5)."""
+    gravity: float = 0.0
+    """Components of the gravity direction (CAT: 0.05)."""
+    gyro_rad_s: float = 0.0
+    """Angular velocity of the pelvis (CAT: 0.2)."""
+    object_pos_m: float = 0.0
+    """Position of the object seen from the pelvis (CAT: 0.05)."""
+    object_rot_rad: float = 0.0
+    """Orientation of the object about each axis (CAT: 5 degrees)."""
+    root_pos_m: float = 0.0
+    """Position of the root in the scene (ours: 0.02)."""
+    root_yaw_rad: float = 0.0
+    """Heading of the root in the scene (ours: 0.03)."""
+    root_hz: float = 0.0
+    """Rate at which the root's place and heading are refreshed (CAT: 10); 0: with every step."""
+    action_delay_s: float = 0.0
+    """Longest delay from observation to motor, drawn for each episode in physics steps (ours: 0.02)."""
+    sensor_delay_steps: int = 0
+    """Longest delay of what is measured, drawn for each episode in control steps (ours: 1)."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        if self.sensor_delay_steps not in (0, 1):
+            raise InvalidConfig(f"sensor_delay_steps is {self.sensor_delay_steps!r}: 0 or 1 is allowed")
+
+    @property
+    def exact(self) -> bool:
+        """Whether the actor reads the truth."""
+        return not any(vars(self).values())
+
+
+STUDENT_SENSING = SensingConfig(
+    joint_pos_rad=0.03, joint_vel_rad_s=1.5, gravity=0.05, gyro_rad_s=0.2, object_pos_m=0.05, object_rot_rad=0.087,
+    root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0, action_delay_s=0.02, sensor_delay_steps=1,
+)  # fmt: skip
+"""What students are trained and evaluated under."""
+
+
+_STATE = ("root", "age", "action_delay", "late", "seen")
+
+
+class Sensors:
+    """Estimates of N environments.
+
+    `guide(motion, ids)` gives the guidance part of a snapshot at a (measured) motion; `never_late` (O,) bool marks the columns
+    of the observation that are known rather than measured.
+    """
+
+    def __init__(
+        self, config: SensingConfig, num_envs: int, control_dt_s: float, substeps: int, device: torch.device,
+        guide: Callable[[Motion, Tensor], dict[str, Any]], never_late: Tensor,
+    ) -> None:  # fmt: skip
+        self.config, self.guide = config, guide
+        self.hold_steps = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
+        self.longest_delay = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
+        self.root = torch.zeros(num_envs, 4, device=device)
+        """Estimate x, y [m], sine and cosine of the heading."""
+        self.age = torch.zeros(num_envs, dtype=torch.int64, device=device)
+        """Measurements of this episode."""
+        self.action_delay = torch.zeros(num_envs, dtype=torch.int64, device=device)
+        """Physics steps before an action reaches the motors."""
+        self.late = torch.zeros(num_envs, dtype=torch.bool, device=device)
+        """Whether measurements come one control step late."""
+        self.seen = torch.zeros(num_envs, len(never_late), device=device)
+        """The newest measured observation; who is late reads it a step later."""
+        self.never_late = never_late
+
+    def state(self) -> dict[str, Tensor]:
+        """Copies of the estimates and delays."""
+        return {name: getattr(self, name).clone() for name in _STATE}
+
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        """Restores `state()`."""
+        for name, value in state.items():
+            getattr(self, name).copy_(value)
+
+    def restart(self, ids: Tensor, generator: torch.Generator) -> None:
+        """Draws the delays of new episodes; they begin with a fresh measurement."""
+        n, device = len(ids), self.root.device
+        if self.longest_delay:
+            draw = torch.randint(0, self.longest_delay + 1, (n,), generator=generator, device=device)
+            self.action_delay[ids] = draw
+        if self.config.sensor_delay_steps:
+            self.late[ids] = torch.rand(n, generator=generator, device=device) < 0.5
+        self.age[ids] = 0
+
+    def delay(self, observation: Tensor, ids: Tensor) -> Tensor:
+        """What the actors of environments `ids` read of their newest observation (n, O)."""
+        late = (self.late[ids] & (self.age[ids] > 1))[:, None] & ~self.never_late
+        read = torch.where(late, self.seen[ids], observation)
+        self.seen[ids] = observation
+        return read
+
+    def measure(self, s: Snapshot, ids: Tensor, joint_offset: Tensor, generator: torch.Generator) -> Snapshot:
+        """The snapshot (n, ...) of environments `ids` as their robots know it; `joint_offset` (n, 20) of the encoders [rad]."""
+        cfg = self.config
+
+        def noise(like: Tensor, half: float) -> Tensor:
+            return (2.0 * torch.rand(like.shape, generator=generator, device=like.device) - 1.0) * half
+
+        fresh = (self.age[ids] % self.hold_steps == 0)[:, None]
+        yaw = s.yaw + noise(s.yaw, cfg.root_yaw_rad)
+        seen = torch.stack([*(s.p_WP[:, :2] + noise(s.p_WP[:, :2], cfg.root_pos_m)).unbind(1), yaw.sin(), yaw.cos()], 1)
+        root = torch.where(fresh, seen, self.root[ids])
+        self.root[ids] = root
+        self.age[ids] += 1
+        p_WP = torch.cat([root[:, :2], s.p_WP[:, 2:]], dim=1)
+        yaw = torch.atan2(root[:, 2], root[:, 3])
+        R_EW = _about_z(yaw - s.yaw)  # turns what is seen from the root into the estimated world frame
+
+        def moved(p_W: Tensor) -> Tensor:
+            return p_WP[:, None] + (p_W - s.p_WP[:, None]) @ R_EW.transpose(1, 2)
+
+        p_PO = s.p_WO - s.p_WP + noise(s.p_WO, cfg.object_pos_m)
+        R_tilt = _rotation(noise(s.p_WO, cfg.object_rot_rad))
+        arms = s.p_WOK - s.p_WO[:, None]
+        arms = torch.where(s.grasp.world_aligned[:, None, None], arms, arms @ (R_EW @ R_tilt).transpose(1, 2))
+        p_WO = p_WP + (R_EW @ p_PO[:, :, None]).squeeze(-1)
+        motion = {
+            "p_WP": p_WP, "yaw": yaw, "R_WP": R_EW @ s.R_WP, "p_WK": moved(s.p_WK), "p_WO": p_WO,
+            "p_WOK": p_WO[:, None] + arms, "R_WO": R_EW @ R_tilt @ s.R_WO,
+            "q": s.q + joint_offset + noise(s.q, cfg.joint_pos_rad), "qd": s.qd + noise(s.qd, cfg.joint_vel_rad_s),
+            "gravity_P": s.gravity_P + noise(s.gravity_P, cfg.gravity),
+            "w_WP_P": s.w_WP_P + noise(s.w_WP_P, cfg.gyro_rad_s),
+        }  # fmt: skip
+        measured = replace(s, **motion)
+        return replace(measured, **self.guide(measured, ids))
+
+
+def _about_z(angle: Tensor) -> Tensor:
+    """Rotation matrices (N, 3, 3) about z by angles (N,) [rad]."""
+    cos, sin, zero = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)
+    rows = [cos, -sin, zero, sin, cos, zero, zero, zero, zero + 1.0]
+    return torch.stack(rows, dim=-1).view(-1, 3, 3)
+
+
+def _rotation(vector: Tensor) -> Tensor:
+    """Rotation matrices (N, 3, 3) about vectors (N, 3) by their length [rad] (Rodrigues)."""
+    angle = vector.norm(dim=-1, keepdim=True).clamp_min(1e-9)[..., None]
+    x, y, z = (vector / angle[..., 0]).unbind(-1)
+    zero = torch.zeros_like(x)
+    K = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).view(-1, 3, 3)
+    return torch.eye(3, device=vector.device) + torch.sin(angle) * K + (1.0 - torch.cos(angle)) * (K @ K)

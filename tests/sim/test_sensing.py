@@ -1,0 +1,155 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from hotice.errors import InvalidConfig
+from hotice.sim import TaskConfig
+from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
+
+
+def noisy(make_env, num_envs=64, **sensing):
+    env = make_env(num_envs, sensing=SensingConfig(**sensing))
+    env.reset()
+    return env
+
+
+def row(env, observation, name):
+    start = 0
+    for title, size in env.policy_table.layout():
+        if title == name:
+            return observation[:, start : start + size]
+        start += size
+    raise KeyError(name)
+
+
+def measure(env, s):
+    return env.sensors.measure(s, env.everyone, torch.zeros(env.num_envs, 20), env.generator)
+
+
+def test_exact_sensing_reads_the_truth(make_env):
+    env = make_env(8)
+    observation, _ = env.reset()
+    torch.testing.assert_close(observation, env.policy_table(env.snapshot()), rtol=0, atol=0)
+
+
+@pytest.mark.parametrize(
+    "config, attribute, half",
+    [
+        ({"joint_pos_rad": 0.03}, "q", 0.03),
+        ({"joint_vel_rad_s": 1.5}, "qd", 1.5),
+        ({"gravity": 0.05}, "gravity_P", 0.05),
+        ({"gyro_rad_s": 0.2}, "w_WP_P", 0.2),
+        ({"object_pos_m": 0.05}, "p_WO", 0.05),
+        ({"root_pos_m": 0.02}, "p_WP", 0.02),
+        ({"root_yaw_rad": 0.03}, "yaw", 0.03),
+    ],
+)
+def test_noise_is_uniform_of_the_given_half_width(make_env, config, attribute, half):
+    env = noisy(make_env, 256, **config)
+    s = env.snapshot()
+    error = getattr(measure(env, s), attribute) - getattr(s, attribute)
+    if attribute == "p_WP":
+        assert (error[:, 2] == 0).all()
+        error = error[:, :2]
+    assert error.abs().max() <= half * 1.0001
+    assert error.std() == pytest.approx(half / 3**0.5, rel=0.15)
+    assert abs(float(error.mean())) < 0.15 * half
+
+
+def test_the_object_has_one_estimate_for_pose_and_field(make_env):
+    env = noisy(make_env, object_pos_m=0.05, object_rot_rad=0.087)
+    s = env.snapshot()
+    m = measure(env, s)
+    corners_O = (s.p_WOK - s.p_WO[:, None]) @ s.R_WO
+    boxes = ~s.grasp.world_aligned
+    expected = m.p_WO[:, None] + corners_O @ m.R_WO.transpose(1, 2)
+    torch.testing.assert_close(m.p_WOK[boxes], expected[boxes], atol=1e-5, rtol=0)
+    points = torch.cat([m.p_WK[:, 9:11], m.p_WOK], dim=1)
+    torch.testing.assert_close(m.ogf.force_W, env.bank.sample("ogf", env.memory.scene, points).force_W)
+    torch.testing.assert_close(m.p_WK, s.p_WK)
+
+
+def test_a_wrong_heading_turns_all_that_is_seen_about_the_root(make_env):
+    env = noisy(make_env, root_yaw_rad=0.3)
+    s = env.snapshot()
+    m = measure(env, s)
+    torch.testing.assert_close(m.to_yaw_frame(m.p_WO - m.p_WP), s.to_yaw_frame(s.p_WO - s.p_WP), atol=1e-5, rtol=0)
+    torch.testing.assert_close(
+        m.to_yaw_frame(m.p_WK[:, 3] - m.p_WP), s.to_yaw_frame(s.p_WK[:, 3] - s.p_WP), atol=1e-5, rtol=0
+    )
+    torch.testing.assert_close(m.gravity_P, s.gravity_P)
+    turned = (m.yaw - s.yaw).abs().max()
+    assert 0.2 < turned <= 0.3001
+
+
+def test_the_root_pose_is_refreshed_at_its_rate(make_env):
+    env = noisy(make_env, 4, root_hz=10.0)
+    places = []
+    for _ in range(11):
+        env.step(torch.zeros(4, 20))
+        places.append(env.sensors.root.clone())
+    changed = [bool((a != b).any()) for a, b in zip(places, places[1:], strict=False)]
+    assert changed == [False, False, False, True, False, False, False, False, True, False]
+
+
+def test_late_measurements_come_one_step_later_but_actions_are_known(make_env):
+    env = noisy(make_env, 32, sensor_delay_steps=1)
+    late = env.sensors.late
+    assert 0 < int(late.sum()) < 32
+    seen = []
+    for t in range(4):
+        step = env.step(torch.full((32, 20), 0.1 * t))
+        seen.append((step.policy, env.policy_table(env.snapshot())))
+    (_, before), (given, now) = seen[-2:]
+    torch.testing.assert_close(row(env, given, "joint_pos")[late], row(env, before, "joint_pos")[late])
+    torch.testing.assert_close(row(env, given, "joint_pos")[~late], row(env, now, "joint_pos")[~late])
+    torch.testing.assert_close(row(env, given, "last_action"), row(env, now, "last_action"))
+
+
+def test_a_late_action_reaches_the_motors_part_way(make_env):
+    env = noisy(make_env, 5, action_delay_s=0.02)
+    env.sensors.action_delay[:] = torch.arange(5)
+    held = env.held.clone()
+    applied = []
+    step = env.physics._step
+    env.physics._step = lambda n: (applied.append(env.physics.ctrl.clone()), step(n))
+    action = torch.ones(5, 20)
+    env.step(action)
+    target = env.held.double()
+    assert len(applied) == 4 and (target != held).all()
+    for k, ctrl in enumerate(applied):
+        for i in range(5):
+            torch.testing.assert_close(ctrl[i], target[i] if k >= i else held[i].double())
+
+
+def test_rewards_and_critic_read_the_truth(make_env):
+    exact, rough = make_env(8), make_env(8, sensing=STUDENT_SENSING)
+    for env in (exact, rough):
+        env.reset()
+    rough.physics.load_state(exact.physics.state())
+    rough.memory.scene[:], rough.memory.phase[:] = exact.memory.scene, exact.memory.phase
+    torch.testing.assert_close(rough.critic_table(rough.snapshot()), exact.critic_table(exact.snapshot()))
+    torch.testing.assert_close(rough.rewards(rough.snapshot())[0], exact.rewards(exact.snapshot())[0])
+
+
+def test_a_perturbed_task_goes_on_bit_for_bit(make_env):
+    config = TaskConfig().perturbed()
+    spread = {"sensing": config.sensing, "push_m_s": config.push_m_s}
+    first, second = make_env(8, **spread), make_env(8, seed=9, **spread)
+    generator = torch.Generator().manual_seed(0)
+    actions = 0.3 * torch.randn(12, 8, 20, generator=generator)
+    first.reset(), second.reset()
+    for action in actions[:6]:
+        observation = first.step(action).policy
+    restored, _ = second.load_state(first.state())
+    assert torch.equal(restored, observation)
+    for action in actions[6:]:
+        a, b = first.step(action), second.step(action)
+        assert torch.equal(a.policy, b.policy) and torch.equal(a.reward, b.reward)
+
+
+@pytest.mark.parametrize("bad", [{"joint_pos_rad": -1.0}, {"root_hz": float("inf")}, {"sensor_delay_steps": 2}])
+def test_impossible_sensing_is_refused(bad):
+    with pytest.raises(InvalidConfig, match=next(iter(bad))):
+        replace(STUDENT_SENSING, **bad)
