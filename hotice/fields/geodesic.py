@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.fields.solids import BLOCK, Space, distance_bound, distance_within
-from hotice.fields.strings import distance, pull, trace
+from hotice.fields.strings import DEPTH_PER_M, distance, pull, trace
 
 _FREE_M = 1e-6
 """Nodes closer to an obstacle than this count as inside."""
@@ -69,20 +69,25 @@ def _march(space, margin, goal, start):
             bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = goal[0], goal[1], goal[2], start
     heap = np.empty(size, np.int64)
     slot = np.full(size, -1, np.int64)
-    blocked = np.full(size, -1, np.int64)
+    certain = np.zeros(size, np.bool_)
     count = 0
     for node in range(size):
         if known[node]:
-            count = _spread(space, margin, node, dist, bend, blocked, known, heap, slot, count)
+            count = _spread(space, margin, node, dist, bend, certain, known, heap, slot, count)
     while count > 0:
         node = heap[0]
+        if not certain[node]:
+            dist[node] = _evaluate(space, margin, node, dist, bend, known)
+            certain[node] = True
+            _sift_down(heap, slot, dist, count, node)
+            continue
         count -= 1
+        slot[node] = -1
         if count > 0:
             _sift_down(heap, slot, dist, count, heap[count])
-        if blocked[node] >= 0:
-            _bend(space, margin, node, blocked[node], dist, bend)
-        known[node] = True
-        count = _spread(space, margin, node, dist, bend, blocked, known, heap, slot, count)
+        if dist[node] < np.inf:
+            known[node] = True
+            count = _spread(space, margin, node, dist, bend, certain, known, heap, slot, count)
     gradient = np.zeros((size, 3))
     for node in range(size):
         p = _position(space, node)
@@ -121,7 +126,10 @@ def _see(space, margin, goal, seen, i, j, k, width):
         if space.sdf[node] - margin > _FREE_M:
             seen[node] = trace(space, margin, goal, _position(space, node))[0]
         return
-    if _beam_is_free(space, margin, goal, i, j, k, width):
+    verdict = _beam(space, margin, goal, i, j, k, width)
+    if verdict < 0:
+        return
+    if verdict > 0:
         for a in range(i, min(i + width, space.nx)):
             for b in range(j, min(j + width, space.ny)):
                 for c in range(k, min(k + width, space.nz)):
@@ -133,8 +141,8 @@ def _see(space, margin, goal, seen, i, j, k, width):
 
 
 @numba.njit(cache=True, nogil=True)
-def _beam_is_free(space, margin, goal, i, j, k, width):
-    """Whether the segments from all nodes of a block to the goal are certainly free.
+def _beam(space, margin, goal, i, j, k, width):
+    """1: certainly all nodes of a block see the goal, -1: none does, 0: undecided.
 
     That of a node r from the block's centre stays within f r of the centre's at the fraction f from the goal.
     """
@@ -145,78 +153,97 @@ def _beam_is_free(space, margin, goal, i, j, k, width):
     cx, cy, cz = ox + (i + half) * h, oy + (j + half) * h, oz + (k + half) * h
     dx, dy, dz = goal[0] - cx, goal[1] - cy, goal[2] - cz
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    verdict = 1
     t = 0.0
     while t < length:
         f = t / length
         s = distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, cx + f * dx, cy + f * dy, cz + f * dz)
-        spare = s - margin - (1.0 - f) * reach
-        if spare < 0.1 * h:
-            return False
-        t += spare
-    return True
+        spread = (1.0 - f) * reach
+        if s - margin - spread < 0.5 * h:
+            s = distance_within(space, cx + f * dx, cy + f * dy, cz + f * dz)
+            if s - margin + spread < -DEPTH_PER_M * h * h:
+                return -1
+            if s - margin - spread < 0.05 * h:
+                verdict = 0
+        t += max(abs(s - margin) - spread, 0.25 * h)
+    return verdict
+
+
+@numba.njit(cache=True, inline="always")
+def _neighbour(space, node, side):
+    """Node beyond side 0 .. 5 of a node, -1 outside the grid."""
+    sx, sy = space.ny * space.nz, space.nz
+    i, k = node // sx, node % sy
+    j = node // sy - i * space.ny
+    if side == 0:
+        return node - sx if i > 0 else -1
+    if side == 1:
+        return node + sx if i < space.nx - 1 else -1
+    if side == 2:
+        return node - sy if j > 0 else -1
+    if side == 3:
+        return node + sy if j < space.ny - 1 else -1
+    if side == 4:
+        return node - 1 if k > 0 else -1
+    return node + 1 if k < space.nz - 1 else -1
 
 
 @numba.njit(cache=True, nogil=True)
-def _spread(space, margin, node, dist, bend, blocked, known, heap, slot, count):
-    """Offers the path through a known node to its neighbours; returns the length of the heap."""
-    sx, sy = space.ny * space.nz, space.nz
-    i, j, k = node // sx, node // sy % space.ny, node % sy
-    for axis in range(3):
-        for sign in (-1, 1):
-            if axis == 0:
-                other, inside = node + sign * sx, 0 <= i + sign < space.nx
-            elif axis == 1:
-                other, inside = node + sign * sy, 0 <= j + sign < space.ny
-            else:
-                other, inside = node + sign, 0 <= k + sign < space.nz
-            if not inside or known[other] or space.sdf[other] - margin <= _FREE_M:
-                continue
-            if _offer(space, margin, node, other, dist, bend, blocked):
-                if slot[other] < 0:
-                    slot[other] = count
-                    count += 1
-                _sift_up(heap, slot, dist, other)
+def _spread(space, margin, node, dist, bend, certain, known, heap, slot, count):
+    """Queues the neighbours of a known node by the straight way to its bend; returns the length of the heap."""
+    slack = _SLACK_PER_M * space.h * space.h
+    for side in range(6):
+        other = _neighbour(space, node, side)
+        if other < 0 or known[other] or space.sdf[other] - margin <= _FREE_M:
+            continue
+        least = bend[node, 3] + distance(bend[node], _position(space, other))
+        if least < dist[other] - slack:
+            dist[other] = least
+            certain[other] = False
+            if slot[other] < 0:
+                slot[other] = count
+                count += 1
+            _sift_up(heap, slot, dist, other)
     return count
 
 
 @numba.njit(cache=True, nogil=True)
-def _offer(space, margin, node, other, dist, bend, blocked):
-    """Shortens the path of `other` by way of the bend of `node`, or else of `node`; returns whether it did.
-
-    `blocked[other]` keeps the neighbour whose bend would be the best one if no wall hid it.
-    """
+def _evaluate(space, margin, node, dist, bend, known):
+    """Length of the shortest path of `node` by way of its known neighbours, whose bend it takes; inf without any."""
     h = space.h
-    x, a = _position(space, other), (bend[node, 0], bend[node, 1], bend[node, 2])
-    value = bend[node, 3] + distance(a, x)
-    if value >= dist[other] - _SLACK_PER_M * h * h:
-        return False
-    if trace(space, margin, a, x)[0]:
-        dist[other] = value
-        bend[other] = bend[node]
-        return True
-    y = _position(space, node)
-    if space.sdf[node] + space.sdf[other] - 2.0 * margin < h and not trace(space, margin, y, x)[0]:
-        return False
-    rival = blocked[other]
-    if rival < 0 or value < bend[rival, 3] + distance(bend[rival], x):
-        blocked[other] = node
-    if dist[node] + h >= dist[other]:
-        return False
-    dist[other] = dist[node] + h
-    bend[other, 0], bend[other, 1], bend[other, 2], bend[other, 3] = y[0], y[1], y[2], dist[node]
-    return True
-
-
-@numba.njit(cache=True, nogil=True)
-def _bend(space, margin, node, other, dist, bend):
-    """Shortens the path of `node` by a string that bends past the wall which hides the bend of `other` from it."""
-    x, a, d = _position(space, node), (bend[other, 0], bend[other, 1], bend[other, 2]), bend[other, 3]
-    if d + distance(a, x) >= dist[node] - _SLACK_PER_M * space.h * space.h:
-        return
-    value, b, d = pull(space, margin, a, d, _position(space, other), x, dist[node])
-    if value < dist[node]:
-        dist[node] = value
-        bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = b[0], b[1], b[2], d
+    slack = _SLACK_PER_M * h * h
+    x = _position(space, node)
+    near = np.empty(6)
+    for side in range(6):
+        other = _neighbour(space, node, side)
+        near[side] = np.inf
+        if other >= 0 and known[other]:
+            near[side] = bend[other, 3] + distance(bend[other], x)
+    best, hidden = np.inf, -1
+    for _ in range(6):
+        side = np.argmin(near)
+        value, other = near[side], _neighbour(space, node, side)
+        near[side] = np.inf
+        if value >= best - slack:
+            break
+        a, y = (bend[other, 0], bend[other, 1], bend[other, 2]), _position(space, other)
+        if trace(space, margin, a, x)[0]:
+            best = value
+            bend[node] = bend[other]
+        elif space.sdf[node] + space.sdf[other] - 2.0 * margin >= h or trace(space, margin, y, x)[0]:
+            if hidden < 0:
+                hidden = other
+            if dist[other] + h < best:
+                best = dist[other] + h
+                bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = y[0], y[1], y[2], dist[other]
+    if hidden >= 0:
+        a, d = (bend[hidden, 0], bend[hidden, 1], bend[hidden, 2]), bend[hidden, 3]
+        if d + distance(a, x) < best - slack:
+            value, b, d = pull(space, margin, a, d, _position(space, hidden), x, best)
+            if value < best:
+                best = value
+                bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = b[0], b[1], b[2], d
+    return best
 
 
 @numba.njit(cache=True)

@@ -22,6 +22,7 @@ from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape
 
 FAR_M = 10.0
 BLOCK = 4
+"""Nodes along a block's edge: index >> 2 is that of the block."""
 _BOX, _CYLINDER, _CAPSULE, _MESH = range(4)
 _BLOCK_REACH = 0.5 * math.sqrt(3.0) * (BLOCK + 1)
 """Radius in cells about a block's centre, with the outer half cells of the grid."""
@@ -97,7 +98,7 @@ def _thickness(shape: Any) -> float:
     return 2.0 * min(size[:2]) if kind == _CYLINDER else 2.0 * size[0]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, inline="always")
 def solid_distance(solid, triangles, nodes, n, x, y, z):
     """Exact signed distance of a point in W to obstacle n."""
     x, y, z = x - solid[n, 13], y - solid[n, 14], z - solid[n, 15]
@@ -108,27 +109,26 @@ def solid_distance(solid, triangles, nodes, n, x, y, z):
     if kind == _BOX:
         bx, by, bz = abs(bx) - solid[n, 1], abs(by) - solid[n, 2], abs(bz) - solid[n, 3]
         most = max(bx, by, bz)
-        if most <= 0.0:
-            return most
         bx, by, bz = max(bx, 0.0), max(by, 0.0), max(bz, 0.0)
-        return math.sqrt(bx * bx + by * by + bz * bz)
-    if kind == _CAPSULE:
+        d = most if most <= 0.0 else math.sqrt(bx * bx + by * by + bz * bz)
+    elif kind == _CAPSULE:
         bz = max(abs(bz) - solid[n, 2], 0.0)
-        return math.sqrt(bx * bx + by * by + bz * bz) - solid[n, 1]
-    if kind == _CYLINDER:
+        d = math.sqrt(bx * bx + by * by + bz * bz) - solid[n, 1]
+    elif kind == _CYLINDER:
         radial, axial = math.sqrt(bx * bx + by * by) - solid[n, 1], abs(bz) - solid[n, 2]
         most = max(radial, axial)
-        if most <= 0.0:
-            return most
         radial, axial = max(radial, 0.0), max(axial, 0.0)
-        return math.sqrt(radial * radial + axial * axial)
-    return bvh.signed_distance(triangles, nodes, int(solid[n, 20]), bx, by, bz)
+        d = most if most <= 0.0 else math.sqrt(radial * radial + axial * axial)
+    else:
+        d = bvh.signed_distance(triangles, nodes, int(solid[n, 20]), bx, by, bz)
+    return d
 
 
 @numba.njit(cache=True, inline="always")
-def ball_distance(solid, n, x, y, z):
-    """Lower bound of `solid_distance`: to the bounding ball."""
-    return math.sqrt((x - solid[n, 16]) ** 2 + (y - solid[n, 17]) ** 2 + (z - solid[n, 18]) ** 2) - solid[n, 19]
+def ball_is_beyond(solid, n, x, y, z, best):
+    """Whether all of obstacle n is certainly farther than `best` >= -radius, by its bounding ball."""
+    dx, dy, dz, reach = x - solid[n, 16], y - solid[n, 17], z - solid[n, 18], best + solid[n, 19]
+    return dx * dx + dy * dy + dz * dz > reach * reach
 
 
 @numba.njit(cache=True, nogil=True)
@@ -148,8 +148,8 @@ def _block_members(space):
         z = space.oz + (BLOCK * (k + 0.5) - 0.5) * h
         least = FAR_M
         for n in range(count):
-            distance[n] = ball_distance(solid, n, x, y, z)
-            if distance[n] <= least + reach:
+            distance[n] = math.inf
+            if not ball_is_beyond(solid, n, x, y, z, least + reach):
                 distance[n] = solid_distance(solid, space.triangles, space.nodes, n, x, y, z)
                 least = min(least, distance[n])
         if used + count > len(member):
@@ -164,31 +164,33 @@ def _block_members(space):
 
 @numba.njit(cache=True, nogil=True)
 def _fill(space):
+    solid, triangles, nodes, start, member = space.solid, space.triangles, space.nodes, space.start, space.member
+    by, bz = _blocks(space.ny), _blocks(space.nz)
     sdf = np.empty(space.nx * space.ny * space.nz)
     node = 0
     for i in range(space.nx):
         for j in range(space.ny):
             for k in range(space.nz):
                 x, y, z = space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
-                sdf[node] = _nearest(space, i, j, k, x, y, z)
+                block = ((i >> 2) * by + (j >> 2)) * bz + (k >> 2)
+                sdf[node] = _nearest(solid, triangles, nodes, start, member, block, x, y, z)
                 node += 1
     return sdf
 
 
 @numba.njit(cache=True, inline="always")
 def _blocks(n):
-    return (n + BLOCK - 1) // BLOCK
+    return (n + BLOCK - 1) >> 2
 
 
 @numba.njit(cache=True, inline="always")
-def _nearest(space, i, j, k, x, y, z):
-    """Least distance of a point near node (i, j, k) to the members of its block."""
-    block = (i // BLOCK * _blocks(space.ny) + j // BLOCK) * _blocks(space.nz) + k // BLOCK
+def _nearest(solid, triangles, nodes, start, member, block, x, y, z):
+    """Least distance of a point to the members of its block."""
     best = FAR_M
-    for m in range(space.start[block], space.start[block + 1]):
-        n = space.member[m]
-        if ball_distance(space.solid, n, x, y, z) < best:
-            best = min(best, solid_distance(space.solid, space.triangles, space.nodes, n, x, y, z))
+    for m in range(start[block], start[block + 1]):
+        n = member[m]
+        if best < 0.0 or not ball_is_beyond(solid, n, x, y, z, best):
+            best = min(best, solid_distance(solid, triangles, nodes, n, x, y, z))
     return best
 
 
@@ -200,10 +202,12 @@ def _index(u, n):
 @numba.njit(cache=True, nogil=True)
 def distance_within(space, x, y, z):
     """Exact signed distance of a point in the grid's box, cut at FAR_M."""
-    i = _index((x - space.ox) / space.h, space.nx)
-    j = _index((y - space.oy) / space.h, space.ny)
-    k = _index((z - space.oz) / space.h, space.nz)
-    return _nearest(space, i, j, k, x, y, z)
+    per_m = 1.0 / space.h
+    i = _index((x - space.ox) * per_m, space.nx)
+    j = _index((y - space.oy) * per_m, space.ny)
+    k = _index((z - space.oz) * per_m, space.nz)
+    block = ((i >> 2) * _blocks(space.ny) + (j >> 2)) * _blocks(space.nz) + (k >> 2)
+    return _nearest(space.solid, space.triangles, space.nodes, space.start, space.member, block, x, y, z)
 
 
 @numba.njit(cache=True, inline="always")

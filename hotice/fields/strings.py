@@ -14,7 +14,7 @@ import numba
 from hotice.fields.solids import distance_bound, distance_within, normal_within
 
 DEPTH_PER_M = 0.5
-_STEP = 0.05
+_STEP = 0.1
 """Least step of a trace in cells."""
 _NEAR = 0.15
 """Bounds below this many cells are replaced by exact distances."""
