@@ -7,10 +7,11 @@ wholly inside gets minus its distance to the surface, which is less than what wo
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter, methodcaller
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ from hotice.model.kinematics import Kinematics
 from hotice.model.objects import CarriedObject
 from hotice.model.robot_state import RobotState
 from hotice.model.scene import Obstacle, Scene
+
+if TYPE_CHECKING:
+    import pinocchio
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -153,6 +157,11 @@ class CollisionChecker:
         for obstacle, rows in self._meshes:
             distance[rows[self._inside(obstacle, rows)]] *= -1.0
         return CollisionReport(self, state, distance)
+
+    @property
+    def geometry(self) -> tuple[pinocchio.GeometryModel, Sequence[pinocchio.SE3]]:
+        """Pinocchio's geometries and pairs, and the poses X_WG of the geometries in the state queried last."""
+        return self._geometry, self._scratch.oMg
 
     def _prepare(self, pairs: list[tuple[int, int, str]]) -> None:
         import pinocchio as pin
