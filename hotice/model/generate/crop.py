@@ -29,8 +29,8 @@ SMALL_M, MEDIUM_M, LARGE_M = (3.0, 2.0, 1.5), (4.0, 3.0, 1.5), (5.0, 5.0, 1.5)
 """Sizes of crops: the first and last are those of the paper's neighbours."""
 BODY_M, LOAD_M, LOAD_AHEAD_M = 0.34, 0.26, 0.45
 """Room that the body needs at start and goal, and the load ahead of it."""
-CORRIDOR_M = 2.6
-"""A way through is looked for in a strip this wide: a larger detour takes too long to carry."""
+CORRIDOR_M, RUN_M = 2.0, 1.0
+"""A way through is looked for in a strip this wide, longer than the way by `RUN_M`: larger detours take too long."""
 NEAR_M = 0.6
 """Things nearer to the straight way than this crowd it."""
 
@@ -114,8 +114,8 @@ def crop(
     length = round(float(np.linalg.norm(ahead)), 6)
     if not 0.1 < length < size_m[0]:
         raise InvalidScene(f"goal is {length:.3g} m from start: 0.1 m to {size_m[0]:g} m fit a crop of {size_m} m")
-    low = np.array([round(0.5 * (length - size_m[0]), 4), -0.5 * size_m[1], 0.0])
-    high = low + size_m
+    low = np.array([0.5 * (length - size_m[0]), -0.5 * size_m[1], 0.0]).round(4)
+    high = (low + size_m).round(4)
     p_HW, quat_WH = np.array([*p_HS, 0.0]), quat_from_yaw(-math.atan2(ahead[1], ahead[0]))
     kept = []
     for obstacle in obstacles:
@@ -131,8 +131,8 @@ def crop(
 
 
 def why_blocked(obstacles: Iterable[Obstacle], way: Way) -> str:
-    """Why a load cannot be carried along the way and at most `CORRIDOR_M` / 2 beside it; empty when it can."""
-    size_m = (way.length_m + 1.0, CORRIDOR_M, SMALL_M[2])
+    """Why a load cannot be carried along the way within `CORRIDOR_M`; empty when it can, also in every larger crop."""
+    size_m = (way.length_m + RUN_M, CORRIDOR_M, SMALL_M[2])
     try:
         return check_traversable(crop("way", obstacles, way.start, way.goal, size_m)).reason
     except InvalidScene as error:

@@ -199,11 +199,11 @@ RECIPES: dict[str, Recipe] = {
         ),
     ),
     "hallway": Recipe(
-        length_m=(4.5, 6.5), width_m=(1.5, 2.0), partition=True,
+        length_m=(4.5, 6.5), width_m=(1.7, 2.2), partition=True,
         rows=(
             (f.shelf, wall, 0, 1), (f.wall_shelf, wall, 0, 2), (f.plant, wall, 0, 1), (f.stool, wall, 0, 1),
-            (f.pendant, floor, 0, 2), (f.shoes, floor, 1, 3), (f.bag, floor, 0, 1), (f.carton, wall, 0, 2),
-            (f.broom, floor, 0, 1),
+            (f.pendant, floor, 0, 2), (f.shoes, wall, 0, 2), (f.bag, wall, 0, 1), (f.carton, wall, 0, 1),
+            (f.books, floor, 0, 1), (f.cable_duct, floor, 0, 1),
         ),
     ),
 }  # fmt: skip

@@ -18,7 +18,17 @@ from hotice.errors import InvalidConfig, InvalidScene
 from hotice.files import make_folder
 from hotice.model.extents import category_by_height
 from hotice.model.frames import quat_rotate
-from hotice.model.generate.crop import LARGE_M, OFF_LIMITS_M, SPACING_M, ClearanceMap, crop, propose_ways, why_blocked
+from hotice.model.generate.crop import (
+    CORRIDOR_M,
+    LARGE_M,
+    OFF_LIMITS_M,
+    RUN_M,
+    SPACING_M,
+    ClearanceMap,
+    crop,
+    propose_ways,
+    why_blocked,
+)
 from hotice.model.importers.front3d import Floor, Front3dReport, House, PlacedMesh, load_house
 from hotice.model.importers.meshes import export_obj, sample_surface
 from hotice.model.importers.solids import MAX_BODIES, Solid, solidify
@@ -33,6 +43,7 @@ LEVEL_M = 0.05
 """Floors that differ less in height make one level."""
 DOORWAY_M = 0.2
 """Floors grow by this, so that rooms join through the doorways in walls of 12 to 24 cm."""
+SIZES_M = ((3.0, 10.0), (CORRIDOR_M, 10.0), (1.5, 3.0))
 WAYS_PER_SCENE = 20
 APART_M = 0.5
 """Two ways of a house differ by this at start or goal."""
@@ -128,10 +139,11 @@ def front3d_scenes(
     Raises:
         InputError, InvalidMap: see `load_house`. InvalidConfig: an argument is out of range.
     """
-    if count < 1 or seed < 0 or not (3.0 <= size_m[0] <= 10.0 and 1.0 <= size_m[1] <= 10.0 and 1.0 <= size_m[2] <= 3.0):
+    fits = all(least <= side <= most for side, (least, most) in zip(size_m, SIZES_M, strict=True))
+    if count < 1 or seed < 0 or not fits:
         raise InvalidConfig(
             f"{count} scenes of seed {seed} and size {size_m}: at least 1, of a seed of at least 0 and a size of "
-            "3 to 10 m along the way, 1 to 10 m across and 1 to 3 m up, are allowed"
+            "3 to 10 m along the way, 2 to 10 m across and 1.5 to 3 m up, are allowed"
         )
     house = load_house(json_path, models_folder)
     solids, rejected = SolidHouse(house, make_folder(folder)), Counter[str]()
@@ -144,7 +156,9 @@ def front3d_scenes(
             break
         level, way = ways[index]
         ends = np.array([way.start, way.goal])
-        if way.length_m + 0.5 > size_m[0] or any(np.linalg.norm(ends - t, axis=1).max() < APART_M for t in taken):
+        if way.length_m + RUN_M > size_m[0] + 1e-6 or any(
+            np.linalg.norm(ends - t, axis=1).max() < APART_M for t in taken
+        ):
             continue
         taken.append(ends)
         near = _near(solids, way.start, way.goal, size_m, level[0].height_m)
