@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidScene
 from hotice.model import bvh
+from hotice.model.shapes import MAX_LENGTH_M
 
 MAX_FACES = 200_000
 MAX_MESH_BYTES = 128 * 2**20
@@ -70,5 +71,6 @@ def _load(path: Path, scale: float, _mtime: int, _size: int) -> TriangleMesh:
         raise InvalidScene(f"mesh file {path} is not watertight: close its holes (distance needs an inside)")
     if not mesh.is_winding_consistent:
         raise InvalidScene(f"mesh file {path} has faces that disagree on the outside: orient them consistently")
+    if np.abs(mesh.vertices).max() * scale > MAX_LENGTH_M:
+        raise InvalidScene(f"mesh file {path} reaches beyond {MAX_LENGTH_M:g} m: check its unit and scale")
     return TriangleMesh(np.array(mesh.vertices, dtype=np.float64) * scale, np.array(mesh.faces, dtype=np.int64))
-

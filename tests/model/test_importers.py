@@ -223,6 +223,12 @@ def test_places_of_the_map_land_on_the_floor():
     np.testing.assert_allclose(floor.to_world(p_M), [x, y, 0.0], atol=1e-12)
 
 
+def test_double_floor_is_one():
+    rng = np.random.default_rng(12)
+    layers = [rectangle(rng, 5000, (-2, -2, z), (6, 0, 0), (0, 4, 0)) for z in (0.0, 0.03)]
+    assert fit_floor(np.concatenate(layers)).height_m == pytest.approx(0.015, abs=0.002)
+
+
 def wall_only(rng):
     return rectangle(rng, 20_000, (-2, 1, 0), (6, 0, 0), (0, 0, 2.4))
 

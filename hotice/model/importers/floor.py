@@ -18,7 +18,7 @@ from hotice.model.frames import quat_from_axis_angle, quat_to_mat
 
 Points = NDArray[np.float64]
 MAX_TILT_RAD = math.radians(20.0)
-BAND_M = 0.03
+BAND_M, MIN_BAND_M = 0.03, 0.002
 CELL_M = 0.08
 """Points are thinned to one per cell of this size, so that area counts and not nearness to the sensor."""
 LEVEL_SHARE, CONTRAST, MIN_AREA_M2 = 0.3, 3.0, 0.5
@@ -64,8 +64,7 @@ def fit_floor(p_M: Points, seed: int = 0) -> Floor:
     """The floor under a map's points (n, 3) [m].
 
     The largest plane that is level within 20 degrees gives the direction; of all levels along it the floor is the lowest
-    large one (not the ceiling, not a table). Exact for noise-free points; with noise sigma the height is off by about
-    sigma / sqrt(n). Raises `InvalidMap` where no level stands out.
+    large one (not the ceiling, not a table). Exact for points without noise. Raises `InvalidMap` where no level stands out.
     """
     rng = np.random.default_rng(seed)
     thin = thinned(p_M, CELL_M)
@@ -79,18 +78,24 @@ def fit_floor(p_M: Points, seed: int = 0) -> Floor:
     if counts[best] == 0:
         raise _no_floor("no three points lie level within 20 degrees")
     normal, height = _lowest_level(thin, normals[best])
-    for band in (2 * BAND_M, BAND_M, BAND_M):
+    band = 2 * BAND_M
+    for _ in range(4):
         near = thin[np.abs(thin @ normal - height) < band]
+        if len(near) * CELL_M**2 < MIN_AREA_M2:
+            raise _no_floor(f"the lowest level plane covers only {len(near) * CELL_M**2:.2f} m2")
         centre = near.mean(axis=0)
         _, axes = np.linalg.eigh(np.cov((near - centre).T))
         normal = axes[:, 0] * np.sign(axes[2, 0])
         height = float(normal @ centre)
+        band = min(BAND_M, max(3.0 * _spread(near @ normal - height), MIN_BAND_M))
     residual = p_M @ normal - height
     residual = residual[np.abs(residual) < BAND_M]
-    if len(near) * CELL_M**2 < MIN_AREA_M2:
-        raise _no_floor(f"the lowest level plane covers only {len(near) * CELL_M**2:.2f} m2")
-    noise = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
-    return Floor(R_WM=_level(normal), height_m=height + float(np.median(residual)), noise_m=noise)
+    return Floor(R_WM=_level(normal), height_m=height, noise_m=_spread(residual))
+
+
+def _spread(residual: NDArray[np.float64]) -> float:
+    """Standard deviation of the middle half, as of a normal distribution: strangers do not count."""
+    return 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
 
 
 def thinned(p: Points, cell_m: float) -> Points:

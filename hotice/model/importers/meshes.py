@@ -66,11 +66,13 @@ def sample_surface(corners: NDArray[np.float64], spacing_m: float, low: Points, 
     return points[((points >= low) & (points < high)).all(axis=1)]
 
 
-def split_bodies(corners: NDArray[np.float64]) -> tuple[list[tuple[Points, NDArray[np.int64]]], NDArray[np.float64]]:
+def split_bodies(
+    corners: NDArray[np.float64], max_faces: int = MAX_BODY_FACES
+) -> tuple[list[tuple[Points, NDArray[np.int64]]], NDArray[np.float64]]:
     """Closed bodies, each vertices (V, 3) and faces (F, 3) seen counter-clockwise from outside, and all other triangles.
 
     Corners at the same place are one vertex. Bodies are taken from small to large while all together stay within
-    `MAX_BODY_FACES`.
+    `max_faces`.
     """
     import trimesh
 
@@ -79,7 +81,7 @@ def split_bodies(corners: NDArray[np.float64]) -> tuple[list[tuple[Points, NDArr
     label = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
     size = np.bincount(label)
     loose = np.ones(len(corners), dtype=bool)
-    bodies, budget = [], MAX_BODY_FACES
+    bodies, budget = [], max_faces
     for k in np.argsort(size, kind="stable"):
         if size[k] > budget:
             break
@@ -94,6 +96,14 @@ def split_bodies(corners: NDArray[np.float64]) -> tuple[list[tuple[Points, NDArr
             loose[part] = False
             budget -= size[k]
     return bodies, corners[loose]
+
+
+def walkable(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The triangles (F, 3, 3) that may be floor: of closed bodies those that look up, of the rest all."""
+    bodies, loose = split_bodies(corners, len(corners))
+    closed = np.concatenate([np.empty((0, 3, 3)), *(vertices[faces] for vertices, faces in bodies)])
+    normal_z = np.cross(closed[:, 1] - closed[:, 0], closed[:, 2] - closed[:, 0])[:, 2]
+    return np.concatenate([loose, closed[normal_z > 0.0]])
 
 
 def export_obj(path: Path, vertices: Points, faces: NDArray[np.int64]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -16,7 +16,14 @@ from hotice.files import read_bytes
 from hotice.model.extents import category_by_height
 from hotice.model.importers import ply
 from hotice.model.importers.floor import Floor, fit_floor
-from hotice.model.importers.meshes import MESH_SUFFIXES, export_obj, read_triangles, sample_surface, split_bodies
+from hotice.model.importers.meshes import (
+    MESH_SUFFIXES,
+    export_obj,
+    read_triangles,
+    sample_surface,
+    split_bodies,
+    walkable,
+)
 from hotice.model.importers.options import ImportOptions
 from hotice.model.importers.pcd import read_pcd
 from hotice.model.importers.voxels import Voxels, column_extent, cover_by_boxes, occupied
@@ -40,6 +47,7 @@ _UP = {
     "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
     "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
 }  # fmt: skip
+_folders: list[tempfile.TemporaryDirectory[str]] = []  # meshes of scenes not saved yet, kept until the program ends
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +55,7 @@ class Imported:
     """A scene and what it was made of.
 
     `points_W` (n, 3) all points within the crop, `group` (n,) each KEPT, FLOOR or NOISE; `notes` what was found and left
-    out, by name. Mesh obstacles live in a folder that exists as long as this object: save the scene.
+    out, by name.
     """
 
     scene: Scene
@@ -55,7 +63,6 @@ class Imported:
     points_W: Points
     group: NDArray[np.int8]
     notes: dict[str, str]
-    folder: tempfile.TemporaryDirectory[str] | None = field(repr=False, default=None)
 
 
 def import_scene(path: str | Path, options: ImportOptions) -> Imported:
@@ -110,19 +117,17 @@ def from_triangles(corners_M: NDArray[np.float64], options: ImportOptions, name:
     Closed bodies without the floor in them stay exact meshes; of the rest the surface is sampled.
     """
     places = np.array([options.start[:2], options.goal])
-    around = np.array([[*(places.min(axis=0) - NEAR_M), -50.0], [*(places.max(axis=0) + NEAR_M), 50.0]])
-    if options.floor == "fit":
-        near = sample_surface(corners_M, 0.04, *around)
-        if not len(near):
-            raise InvalidMap(f"no surface lies within {NEAR_M:g} m of start and goal: check them, and the unit")
-        floor = fit_floor(near)
-    else:
-        floor = Floor.given()
+    low, high = np.array([[*(places.min(axis=0) - NEAR_M), -50.0], [*(places.max(axis=0) + NEAR_M), 50.0]])
+    near = corners_M[((corners_M.max(axis=1) >= low) & (corners_M.min(axis=1) <= high)).all(axis=1)]
+    if not len(near):
+        raise InvalidMap(f"no surface lies within {NEAR_M:g} m of start and goal: check them, and the unit")
+    floor = fit_floor(sample_surface(walkable(near), 0.04, low, high)) if options.floor == "fit" else Floor.given()
     start, goal, low, high = _crop(floor, options)
-    corners_W = floor.to_world(corners_M)
+    corners_W = floor.to_world(near)
     corners_W = corners_W[((corners_W.max(axis=1) >= low) & (corners_W.min(axis=1) <= high)).all(axis=1)]
     bodies, loose = split_bodies(corners_W) if len(corners_W) else ([], corners_W)
-    folder = tempfile.TemporaryDirectory(prefix="hotice-")
+    folder = tempfile.TemporaryDirectory(prefix="hotice-import-")
+    _folders.append(folder)
     kept = []
     for vertices, faces in bodies:
         if _holds_floor(vertices, faces):
@@ -134,7 +139,7 @@ def from_triangles(corners_M: NDArray[np.float64], options: ImportOptions, name:
     notes = {"triangles": f"{len(corners_M):,}, {len(corners_W):,} in the crop", **_notes(floor, group, boxes)}
     notes["meshes"] = f"{len(kept)} closed bodies stay meshes"
     scene = Scene(name, _bounds(low, high), start, goal, (*kept, *boxes))
-    return Imported(scene=scene, floor=floor, points_W=p_W, group=group, notes=notes, folder=folder)
+    return Imported(scene=scene, floor=floor, points_W=p_W, group=group, notes=notes)
 
 
 def _near(p: Points, options: ImportOptions) -> NDArray[np.bool_]:
