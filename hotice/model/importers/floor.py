@@ -95,7 +95,7 @@ def fit_floor(p_M: Points, seed: int = 0) -> Floor:
 
 def _spread(residual: NDArray[np.float64]) -> float:
     """Standard deviation of the middle half, as of a normal distribution: strangers do not count."""
-    return 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
+    return 1.4826 * float(np.median(np.abs(residual)))
 
 
 def thinned(p: Points, cell_m: float) -> Points:
