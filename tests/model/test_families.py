@@ -6,16 +6,17 @@ from hotice.errors import HoticeError, InvalidScene, UnknownName
 from hotice.fields import build_hod_pf
 from hotice.model import Box, Scene, builder
 from hotice.model.carry import CarryState, Posture, solve_carry
-from hotice.model.generate import FAMILIES, family_from_text, family_scenes
+from hotice.model.generate import family_from_text, family_scenes
+from hotice.model.generate.families import GRADED
 
-KINDS = [f for f in FAMILIES if f != "mixed"]
+KINDS = list(GRADED)
 
 
 def only(scene: Scene, name: str):
     return next(o for o in scene.obstacles if o.name == name)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name", [*GRADED, "mixed"])
 def test_families_are_reproducible_and_survive_a_file(name):
     scenes = family_scenes(name, 12, seed=3)
     assert scenes == family_scenes(name, 12, seed=3) == family_from_text(f"{name}:12:3")
@@ -28,6 +29,7 @@ def test_names_and_turns():
     assert [s.name for s in family_from_text("pipe:4")] == ["pipe_00", "pipe_01", "pipe_02", "pipe_03"]
     mixed = family_scenes("mixed", 2 * len(KINDS) + 1)
     assert [s.name.rsplit("_", 1)[0] for s in mixed] == [*KINDS, *KINDS, KINDS[0]]
+    assert [s.name for s in family_from_text("pipe:2:3")] == ["pipe_s3_00", "pipe_s3_01"]
     assert mixed[1] == family_scenes("pipe", 2)[0] and mixed[-1].name == "open_02"
 
 
@@ -125,6 +127,6 @@ def test_bad_text(text):
 
 def test_unknown_family():
     for text in ("", "tunnel:3", "tun\nnel"):
-        with pytest.raises(UnknownName, match="known are beam, combo, gap") as caught:
+        with pytest.raises(UnknownName, match="known are all, beam, beam_across, combination") as caught:
             family_from_text(text)
         assert "\n" not in str(caught.value) and isinstance(caught.value, HoticeError)

@@ -1,16 +1,30 @@
-"""Scenes made by rule: graded families, and the check that a robot with its load gets through."""
+"""Scenes made by rule: graded families, furnished rooms, and the check that a robot with its load gets through."""
 
 from typing import TYPE_CHECKING, Any
 
-from hotice.model.generate.families import FAMILIES, family_from_text, family_scenes
-
 if TYPE_CHECKING:
+    from hotice.model.generate.families import (
+        FAMILIES,
+        Generated,
+        Rejected,
+        family_from_text,
+        family_scenes,
+        generate,
+        generate_from_text,
+    )
     from hotice.model.generate.traversable import Traversal, check_traversable, require_traversable
 
-_LAZY = {name: "traversable" for name in ("Traversal", "check_traversable", "require_traversable")}
+_FAMILIES = (
+    "FAMILIES", "Generated", "Rejected", "family_from_text", "family_scenes", "generate", "generate_from_text",
+)  # fmt: skip
+_LAZY = {
+    **dict.fromkeys(_FAMILIES, "families"),
+    **dict.fromkeys(("Traversal", "check_traversable", "require_traversable"), "traversable"),
+}
 
 __all__ = [
-    "FAMILIES", "Traversal", "check_traversable", "family_from_text", "family_scenes", "require_traversable",
+    "FAMILIES", "Generated", "Rejected", "Traversal", "check_traversable", "family_from_text", "family_scenes",
+    "generate", "generate_from_text", "require_traversable",
 ]  # fmt: skip
 
 
