@@ -3,10 +3,14 @@ import pytest
 
 from hotice.errors import InvalidConfig
 from hotice.fields import build_hod_pf
-from hotice.fields.distance import FAR_M, Grid, distance_at, open_edges, segments_blocked
+from hotice.fields.distance import occupancy_distance
+from hotice.fields.geodesic import solve_geodesic
+from hotice.fields.grid import Grid
+from hotice.fields.solids import FAR_M, Space, distance_within
+from hotice.fields.strings import trace
 from hotice.fields.volumes import solve_scene
 from hotice.model import Obstacle, Scene, load_scene
-from hotice.model.shapes import BoxShape, CylinderShape
+from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
 
 GOAL = np.array([2.0, 0.0, 0.75])
 
@@ -47,14 +51,14 @@ def test_free_space_is_euclidean(resolution_m, worst):
 
 @pytest.mark.parametrize(("thickness_m", "resolution_m"), [(0.01, 0.04), (0.2, 0.04), (0.01, 0.02)])
 def test_round_a_corner(thickness_m, resolution_m):
-    """Too long by at most 2.2 cells: the edge of the wall counts from the next free node, and the wave bends there."""
+    """Within a cell of the closed form at every free node in the wall's shadow, and within a tenth on average."""
     field = build_hod_pf(wall(thickness_m), resolution_m).sgf
     p = np.random.default_rng(1).uniform([-0.4, -0.9, 0.1], [0.7, 0.2, 1.4], (500, 3))
     edges = [np.array([1.0 + s * thickness_m / 2, 0.3]) for s in (-1, 1)]
     flat = np.linalg.norm(p[:, :2] - edges[0], axis=1) + thickness_m + np.linalg.norm(edges[1] - GOAL[:2])
     truth = np.hypot(flat, p[:, 2] - GOAL[2])
     got = field.geodesic_distance(p)
-    assert (got > truth - 0.005).all() and (got - truth).max() < 2.2 * resolution_m
+    assert np.abs(got - truth).max() < resolution_m and np.abs(got - truth).mean() < 0.1 * resolution_m
     assert (got > np.linalg.norm(p - GOAL, axis=1) + 0.02).all()
 
 
@@ -77,7 +81,7 @@ def test_against_scikit_fmm():
     oracle = skfmm.distance(np.ma.MaskedArray(phi, (nodes.sdf <= 0).reshape(shape)), dx=0.05, order=2) + 0.15
     free = (nodes.sdf > 0) & (phi.reshape(-1) > 0.1)
     difference = nodes.geo[0][free, 0] - np.asarray(oracle).reshape(-1)[free]
-    assert np.abs(difference).max() < 0.03 and np.abs(difference).mean() < 0.008
+    assert np.abs(difference).max() < 0.13 and np.abs(difference).mean() < 0.012  # its walls are whole voxels
 
 
 def test_closed_room_is_unreachable_though_thinner_than_a_cell():
@@ -120,22 +124,82 @@ def test_goal_inside_the_inflated_obstacles_is_still_approached():
     assert pf.ogf.sample(p)[0] > 0.5
 
 
-def test_edges_against_dense_samples_of_the_segment():
+@pytest.mark.parametrize("shape", [
+    BoxShape((0.3, 0.4, 0.5)), CylinderShape(0.2, 0.6), CapsuleShape(0.1, 0.4), SphereShape(0.3),
+])  # fmt: skip
+def test_compiled_distance_equals_the_plain_one(shape):
+    quat = np.array([0.3, -0.5, 0.7, 0.4])
+    quat /= np.linalg.norm(quat)
+    other = Obstacle("other", "side", BoxShape((0.1, 0.1, 1.0)), (1.4, 0.5, 0.5))
+    scene = Scene("s", obstacles=(Obstacle("o", "side", shape, (1.0, 0.1, 0.6), tuple(quat)), other))
+    grid = Grid.of(scene, 0.05)
+    space = Space.of(scene, grid)
+    np.testing.assert_allclose(space.sdf, scene.signed_distance(grid.points()), atol=1e-12)
+    p = np.random.default_rng(3).uniform([-0.5, -1, 0], [2.5, 1, 1.5], (500, 3))
+    got = [distance_within(space, *q) for q in p]
+    np.testing.assert_allclose(got, scene.signed_distance(p), atol=1e-12)
+
+
+def test_traces_against_dense_samples_of_the_segment():
     scene = load_scene("table_edge")
+    space = Space.of(scene, Grid.of(scene, 0.04))
     rng = np.random.default_rng(3)
     a = rng.uniform([0.7, -0.7, 0.6], [1.5, -0.1, 0.9], (400, 3))
-    b = a + rng.uniform(-0.1, 0.1, (400, 3))
+    a = a[scene.signed_distance(a) > 0]
+    b = a + rng.uniform(-0.2, 0.2, a.shape)
     t = np.linspace(0, 1, 400)[:, None, None]
-    truth = distance_at(scene, (a + t * (b - a)).reshape(-1, 3)).reshape(400, -1).min(axis=0)
-    blocked = segments_blocked(scene, a, b, 0.0)
-    clear = np.abs(truth) > 1e-3
-    assert 20 < blocked.sum() < 380
-    np.testing.assert_array_equal(blocked[clear], truth[clear] < 0)
+    truth = scene.signed_distance((a + t * (b - a)).reshape(-1, 3)).reshape(400, -1).min(axis=0)
+    free = np.array([trace(space, 0.0, tuple(p), tuple(q))[0] for p, q in zip(a, b, strict=True)])
+    clear = (truth > 1e-3) | (truth < -3e-3)
+    assert 20 < free.sum() < len(a) - 20
+    np.testing.assert_array_equal(free[clear], truth[clear] > 0)
 
 
-def test_grid_borders_are_closed():
-    grid = Grid.of(Scene("empty"), 0.25)
-    bits = open_edges(Scene("empty"), grid, np.full(grid.size, FAR_M), 0.0).reshape(grid.shape)
+@pytest.mark.parametrize("thickness_m", [1e-4, 1e-3, 5e-3])
+def test_no_segment_crosses_a_plate_however_thin(thickness_m):
+    plate = Obstacle("plate", "side", BoxShape((thickness_m, 4.0, 4.0)), (1.0, 0.0, 0.75))
+    scene = Scene("plate", obstacles=(plate,))
+    field, _ = solve_geodesic(Space.of(scene, Grid.of(scene, 0.1)), 0.0, scene.goal_W)
+    front = Grid.of(scene, 0.1).points()[:, 0] < 1.0
+    assert np.isinf(field[front]).all() and np.isfinite(field[~front]).all()
+
+
+@pytest.mark.parametrize("margin_m", [0.0, 0.08])
+def test_distances_are_lipschitz_and_at_least_straight(margin_m):
+    scene = load_scene("pillars")
+    grid = Grid.of(scene, 0.05)
+    space = Space.of(scene, grid)
+    field, slope = solve_geodesic(space, margin_m, scene.goal_W)
+    reached = np.isfinite(field)
+    assert (field[reached] >= np.linalg.norm(grid.points() - GOAL, axis=1)[reached] - 1e-9).all()
+    np.testing.assert_allclose(np.linalg.norm(slope[reached], axis=1), 1.0, atol=1e-9)
+    cube = np.where(reached & (space.sdf > margin_m + 0.05), field, np.nan).reshape(grid.shape)
     for axis in range(3):
-        assert not (np.take(bits, -1, axis=axis) >> axis & 1).any()
-        assert (np.take(bits, 0, axis=axis) >> axis & 1).all()
+        step = np.abs(np.diff(cube, axis=axis))
+        assert np.nanmax(step) < 0.05 + 0.004
+
+
+def test_distance_is_the_same_both_ways():
+    scene = load_scene("pillars")
+    grid = Grid.of(scene, 0.05)
+    space = Space.of(scene, grid)
+    rng = np.random.default_rng(4)
+    ends = rng.choice(np.flatnonzero(space.sdf > 0.1), (6, 2), replace=False)
+    for a, b in ends:
+        there = solve_geodesic(space, 0.0, grid.points(np.array([a]))[0])[0][b]
+        back = solve_geodesic(space, 0.0, grid.points(np.array([b]))[0])[0][a]
+        assert abs(there - back) < 0.01
+
+
+def test_occupancy_distance_is_unbiased():
+    h = 0.02
+    x = (np.indices((60, 60, 60)).transpose(1, 2, 3, 0) + 0.5) * h
+    np.testing.assert_allclose(occupancy_distance(x[..., 0] < 0.6, h), x[..., 0] - 0.6, atol=1e-12)
+    ball = np.linalg.norm(x - 0.6, axis=-1) - 0.35
+    got = occupancy_distance(ball < 0, h)
+    error = got - ball
+    assert abs(error[np.abs(ball) < 2 * h].mean()) < 0.03 * h and np.abs(error[np.abs(ball) < 0.2]).max() < h
+    assert (occupancy_distance(np.zeros((2, 2, 2), dtype=bool), h) == np.inf).all()
+    assert (occupancy_distance(np.ones((2, 2, 2), dtype=bool), h) == -np.inf).all()
+    with pytest.raises(InvalidConfig, match="nx, ny, nz"):
+        occupancy_distance(np.zeros((2, 2), dtype=bool), h)
