@@ -39,16 +39,25 @@ NEAR_M = 0.6
 class ClearanceMap:
     """Distance from the floor of H to the nearest thing a robot would touch, or `OFF_LIMITS_M`.
 
-    `nearest` (nx, ny) [m] at the nodes `origin` (2,) + index * `SPACING_M`; linear between them, off limits outside.
+    `nearest` (nx, ny) [m] at the nodes `origin` (2,) + index * `SPACING_M`, `things` the distance without walls; linear
+    between the nodes, off limits outside.
     """
 
     origin: Array
     nearest: Array
+    things: Array
 
     def __call__(self, p_H: Array) -> Array:
-        """(..., 2) -> (...) [m]."""
+        """Clearance at (..., 2) -> (...) [m]."""
+        return self._at(self.nearest, p_H)
+
+    def to_things(self, p_H: Array) -> Array:
+        """Distance to the nearest thing that is no wall, (..., 2) -> (...) [m]."""
+        return self._at(self.things, p_H)
+
+    def _at(self, values: Array, p_H: Array) -> Array:
         index = np.moveaxis((p_H - self.origin) / SPACING_M, -1, 0)
-        flat = map_coordinates(self.nearest, index.reshape(2, -1), order=1, mode="constant", cval=OFF_LIMITS_M)
+        flat = map_coordinates(values, index.reshape(2, -1), order=1, mode="constant", cval=OFF_LIMITS_M)
         return flat.reshape(np.shape(p_H)[:-1])
 
     def nodes(self, least_m: float) -> Array:
@@ -58,7 +67,7 @@ class ClearanceMap:
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """Start and goal on the floor of H [m]; `crowding`: mean of how far things reach into `NEAR_M`, 0 for a free way."""
+    """Start and goal on the floor of H [m]; `crowding`: mean of how far things (not walls) reach into `NEAR_M`."""
 
     start: tuple[float, float]
     goal: tuple[float, float]
@@ -90,9 +99,8 @@ def propose_ways(clearance: ClearanceMap, rng: np.random.Generator, count: int =
         fits &= (clearance(place) > BODY_M) & (clearance(place + LOAD_AHEAD_M * ahead) > LOAD_M)
     start, goal = start[fits], goal[fits]
     line = start[:, None] + np.linspace(0.0, 1.0, 32)[:, None] * (goal - start)[:, None]
-    beside = clearance(line)
-    crowding = np.maximum(NEAR_M - beside, 0.0).mean(axis=1)
-    passing = (crowding > 0.0) & (beside.min(axis=1) > 0.5 * OFF_LIMITS_M)
+    crowding = np.maximum(NEAR_M - clearance.to_things(line), 0.0).mean(axis=1)
+    passing = (crowding > 0.0) & (clearance(line).min(axis=1) > 0.5 * OFF_LIMITS_M)
     order = [i for i in np.argsort(crowding, kind="stable") if passing[i]]
     return [Way(start=tuple(start[i]), goal=tuple(goal[i]), crowding=float(crowding[i])) for i in order]
 

@@ -75,9 +75,9 @@ class Room:
     def add_walls(self) -> None:
         """The three walls without a door."""
         low, top = -WALL_M, (0.0, f.ROOM_HEIGHT_M)
-        self._box("wall_right", (low, self.length_m + WALL_M), (low, 0.0), top)
-        self._box("wall_left", (low, self.length_m + WALL_M), (self.width_m, self.width_m + WALL_M), top)
-        self._box("wall_end", (self.length_m, self.length_m + WALL_M), (0.0, self.width_m), top)
+        self._box("right_wall", (low, self.length_m + WALL_M), (low, 0.0), top)
+        self._box("left_wall", (low, self.length_m + WALL_M), (self.width_m, self.width_m + WALL_M), top)
+        self._box("end_wall", (self.length_m, self.length_m + WALL_M), (0.0, self.width_m), top)
 
     def place(self, piece: f.Piece, x: float, y: float, yaw_rad: float) -> bool:
         """Puts the piece there unless it leaves the room or comes near to what is there."""
@@ -97,16 +97,20 @@ class Room:
         x = np.arange(-BEYOND_M, self.length_m + 0.5 * SPACING_M, SPACING_M)
         y = np.arange(0.0, self.width_m + 0.5 * SPACING_M, SPACING_M)
         floor = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-        nearest = np.full(floor.shape[:2], np.inf)
+        built = [o for o in self.obstacles if o.name.endswith("_wall")]
+        things = [o for o in self.obstacles if o not in built]
+        to_built, to_things = np.ones(floor.shape[:2]), np.ones(floor.shape[:2])
         for height in HEIGHTS_M:
             p_H = np.concatenate([floor, np.full((*floor.shape[:2], 1), height)], axis=-1).reshape(-1, 3)
-            nearest = np.minimum(nearest, distance(self.obstacles, p_H).reshape(nearest.shape))
+            to_built = np.minimum(to_built, distance(built, p_H).reshape(to_built.shape))
+            to_things = np.minimum(to_things, distance(things, p_H).reshape(to_things.shape))
+        nearest = np.minimum(to_built, to_things)
         for door_x, door_y, width in self.doors:
             off = np.abs(floor[..., 0] - door_x + 0.5 * WALL_M) < WALL_M
             if door_x == 0.0:
                 off |= floor[..., 0] < -WALL_M
             nearest[off & (np.abs(floor[..., 1] - door_y) > 0.5 * width + 0.2)] = OFF_LIMITS_M
-        return ClearanceMap(origin=floor[0, 0], nearest=nearest)
+        return ClearanceMap(origin=floor[0, 0], nearest=nearest, things=to_things)
 
     def _box(self, name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> None:
         size, middle = (tuple(b - a for a, b in (x, y, z)), tuple(0.5 * (a + b) for a, b in (x, y, z)))

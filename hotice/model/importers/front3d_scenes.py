@@ -187,11 +187,14 @@ def level_clearance(house: House, level: list[Floor]) -> ClearanceMap:
     grown = binary_dilation(on_floor, np.ones((3, 3)), iterations=round(DOORWAY_M / SPACING_M))
     low = np.array([*origin, level[0].height_m + TOUCHED_M[0]])
     high = np.array([*nodes[-1, -1], level[0].height_m + TOUCHED_M[1]])
-    p = np.concatenate(
-        [np.empty((0, 3)), *(sample_surface(q.corners_H, SPACING_M / 2, low, high) for q in house.pieces)]
-    )
-    nearest = KDTree(p[:, :2]).query(nodes)[0] if len(p) else np.full(shape, np.inf)
-    return ClearanceMap(origin=origin, nearest=np.where(grown, np.minimum(nearest, 1.0), OFF_LIMITS_M))
+    reach = {"furniture": np.ones(shape), "structure": np.ones(shape)}
+    for piece in house.pieces:
+        p = sample_surface(piece.corners_H, SPACING_M / 2, low, high)
+        if len(p):
+            distance = KDTree(p[:, :2]).query(nodes, distance_upper_bound=1.0)[0]
+            reach[piece.kind] = np.minimum(reach[piece.kind], distance)
+    nearest = np.where(grown, np.minimum(*reach.values()), OFF_LIMITS_M)
+    return ClearanceMap(origin=origin, nearest=nearest, things=reach["furniture"])
 
 
 def _levels(house: House) -> list[list[Floor]]:
