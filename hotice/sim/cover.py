@@ -2,8 +2,8 @@
 
 Two errors hide a penetration. Spheres leave dents between them, at most `DENT_M` deep. And a grid shows convex obstacles
 thinner than they are, most of all beside thin bars, because interpolation of a convex distance errs upwards. So spheres
-along edges reach the very edge, for which they stick out of both faces by 0.4 of their depth, and those of thin links are
-thicker than the link by `SKIN_M`; elsewhere the cover lies inside the geometry. `python -m benchmarks.collision` measures
+along edges reach the very edge, for which they stick out of both faces by 0.4 of their depth, and thin links get a `skin`
+as thick as that error; elsewhere the cover lies inside the geometry. `python -m benchmarks.collision` measures
 what is missed and what is invented. Evaluation scores exact geometry instead (`hotice.learn.evaluate`).
 """
 
@@ -24,8 +24,10 @@ DENT_M = 0.008
 EDGE_DEPTH_M = 0.0175
 """Depth below both faces of the spheres along an edge of robot and object; thin boxes have none."""
 EDGE_RADIUS_M = float(np.sqrt(2.0)) * EDGE_DEPTH_M
-THIN_M, SKIN_M = 0.03, 0.004
-"""Spheres, capsules and boxes of the robot up to this radius or half thickness get this skin."""
+THIN_M = 0.03
+"""Spheres, capsules and boxes of the robot up to this radius or half thickness get a skin."""
+GRID_M, BAR_M = 0.04, 0.02
+"""Grid of the distances, and radius of the thin bars that the skin is for."""
 
 
 def robot_cover(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -52,17 +54,25 @@ def cover_geom(kind: int, size: np.ndarray) -> list[tuple[np.ndarray, float]]:
     """Groups of sphere centres (S, 3) in the geom frame and their radius, for a sphere, capsule or box."""
     box = kind == mujoco.mjtGeom.mjGEOM_BOX
     inner = float(size.min() if box else size[0])
-    skin = SKIN_M if inner <= THIN_M else 0.0
+    radius = inner + skin(inner)
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return [(np.zeros((1, 3)), inner + skin)]
+        return [(np.zeros((1, 3)), radius)]
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return [(_points(np.array([0.0, 0.0, size[1]]), inner), inner + skin)]
+        return [(_points(np.array([0.0, 0.0, size[1]]), inner), radius)]
     if not box:
         raise ValueError(f"no sphere cover for geom type {kind}")
-    groups = [(_points(size - inner, inner), inner + skin)]
+    groups = [(_points(size - inner, inner), radius)]
     if inner > THIN_M:
         groups.append((_points(size - EDGE_DEPTH_M, EDGE_DEPTH_M, ends=2), EDGE_RADIUS_M))
     return groups
+
+
+def skin(radius: float) -> float:
+    """By how much the spheres of a thin link are larger than the link [m], none for a thick one.
+
+    h² / (8 ρ) is what interpolation between nodes h apart adds to the distance of a bar whose axis lies ρ away.
+    """
+    return GRID_M**2 / 8.0 / (radius + BAR_M) if radius <= THIN_M else 0.0
 
 
 def _points(reach: np.ndarray, radius: float, ends: int = 1) -> np.ndarray:

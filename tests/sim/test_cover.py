@@ -14,7 +14,7 @@ from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
 from hotice.sim import TransportEnv
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.cover import EDGE_DEPTH_M, EDGE_RADIUS_M, OBJECT_SPHERES, SKIN_M, object_cover, robot_cover
+from hotice.sim.cover import EDGE_DEPTH_M, EDGE_RADIUS_M, OBJECT_SPHERES, object_cover, robot_cover, skin
 
 CPU = torch.device("cpu")
 SCENES, PER_SCENE = 14, 42
@@ -106,9 +106,17 @@ def test_robot_spheres_stay_inside_the_links(carry):
     assert set(body) <= {b for b in range(model.nbody) if model.body_rootid[b] == model.body(g1.ROOT_BODY).id}
     directions = unit(np.random.default_rng(0).normal(size=(100, 3)))
     for b, c, r in zip(body, centre, radius, strict=True):
-        out = STICKS_OUT_M if r == EDGE_RADIUS_M else SKIN_M
-        surface = c + (r - out - 1e-6) * directions
-        assert any(inside(model, g, surface).all() for g in np.flatnonzero(model.geom_bodyid == b)), model.body(b).name
+        geoms = np.flatnonzero(model.geom_bodyid == b)
+        thickness = np.where(
+            model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_BOX,
+            model.geom_size[geoms].min(axis=1),
+            model.geom_size[geoms, 0],
+        )
+        fits = (
+            inside(model, g, c + (r - (STICKS_OUT_M if r == EDGE_RADIUS_M else skin(t)) - 1e-6) * directions).all()
+            for g, t in zip(geoms, thickness, strict=True)
+        )
+        assert any(fits), model.body(b).name
 
 
 def test_edge_spheres_reach_the_very_edge():
