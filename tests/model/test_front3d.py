@@ -8,7 +8,7 @@ from hotice.model import load_scene
 from hotice.model.extents import extent
 from hotice.model.frames import quat_from_yaw
 from hotice.model.generate.traversable import check_traversable
-from hotice.model.importers.front3d import load_house
+from hotice.model.importers.front3d import Front3dReport, House, PlacedMesh, load_house
 from hotice.model.importers.front3d_scenes import (
     Front3dConfig,
     SolidHouse,
@@ -297,6 +297,20 @@ def test_clearance_of_a_level(house):
     clearance = level_clearance(house, list(house.floors))
     p = np.array([[0.5, 1.0], [5.1, 2.0], [2.2, 1.2], [-1.0, 2.0]])
     np.testing.assert_allclose(clearance(p), [0.5, 0.5, 0.0, -1.0], atol=0.12)
+
+
+def test_a_closed_body_that_no_mesh_obstacle_may_be_becomes_boxes(tmp_path):
+    """A corner within a nanometre of an edge makes a sliver; without it the body is open."""
+    a, b, c, d = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    middle = np.array([0.5, 1e-9, 0.0])
+    corners = np.array([[a, c, middle], [middle, c, b], [a, middle, b], [a, b, d], [a, d, c], [b, c, d]])
+    assert solidify(corners).how == "closed"
+    sliver = PlacedMesh(name="s", kind="furniture", corners=corners, position_m=(0, 0, 0), quaternion_wxyz=(1, 0, 0, 0))
+    report = Front3dReport(used={}, dropped={}, mended={})
+    solids = SolidHouse(House(name="h", pieces=(sliver,), floors=(), report=report), tmp_path)
+    obstacles = solids.obstacles((-1, -1, 0), (2, 2, 2), 0.0)
+    assert solids.solids == {"furniture boxed": 1} and all(isinstance(o.shape, BoxShape) for o in obstacles)
+    assert not list(tmp_path.iterdir())
 
 
 def test_scenes_of_a_house_can_be_crossed_and_read_again(tmp_path):

@@ -31,7 +31,7 @@ from hotice.model.generate.crop import (
 )
 from hotice.model.importers.front3d import Floor, Front3dReport, House, PlacedMesh, load_house
 from hotice.model.importers.meshes import export_obj, sample_surface
-from hotice.model.importers.solids import MAX_BODIES, Solid, solidify
+from hotice.model.importers.solids import MAX_BODIES, Solid, boxed, solidify
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape, MeshShape
 
@@ -70,7 +70,7 @@ class SolidHouse:
 
     def __init__(self, house: House, folder: str | Path) -> None:
         self.house = house
-        self.folder = Path(folder)
+        self.folder = make_folder(folder)
         self.solids: Counter[str] = Counter()
         self._made: dict[PlacedMesh, list[Obstacle]] = {}
         self._extents = [(p.min(axis=(0, 1)), p.max(axis=(0, 1))) for p in (q.corners_H for q in house.pieces)]
@@ -92,8 +92,12 @@ class SolidHouse:
     def _obstacles_of(self, piece: PlacedMesh) -> list[Obstacle]:
         if piece not in self._made:
             solid = solidify(piece.corners, max_sheets=MAX_BODIES if piece.kind == "structure" else 1)
+            try:
+                meshes = self._meshes(piece, solid)
+            except InvalidScene:  # closed, but with slivers or corners so close that a mesh obstacle is refused
+                meshes, solid = [], boxed(piece.corners)
             self.solids[f"{piece.kind} {solid.how}"] += 1
-            self._made[piece] = [*self._meshes(piece, solid), *_boxes(piece, solid)]
+            self._made[piece] = [*meshes, *_boxes(piece, solid)]
         return self._made[piece]
 
     def _meshes(self, piece: PlacedMesh, solid: Solid) -> list[Obstacle]:
@@ -103,7 +107,11 @@ class SolidHouse:
             file = f"{_word(self.house.name)}_{name}.obj"
             export_obj(self.folder / file, vertices, faces)
             shape = MeshShape(file, folder=self.folder)
-            shape.mesh()
+            try:
+                shape.mesh()
+            except InvalidScene:
+                shape.path.unlink()
+                raise
             obstacles.append(Obstacle(name, "side", shape, piece.position_m, piece.quaternion_wxyz))
         return obstacles
 
@@ -146,7 +154,7 @@ def front3d_scenes(
             "3 to 10 m along the way, 2 to 10 m across and 1.5 to 3 m up, are allowed"
         )
     house = load_house(json_path, models_folder)
-    solids, rejected = SolidHouse(house, make_folder(folder)), Counter[str]()
+    solids, rejected = SolidHouse(house, folder), Counter[str]()
     rng = np.random.default_rng([seed, zlib.crc32(house.name.encode())])
     ways = [(level, way) for level in _levels(house) for way in propose_ways(level_clearance(house, level), rng)]
     scenes: list[Scene] = []

@@ -57,9 +57,9 @@ def solidify(corners: Points, *, max_sheets: int = 1) -> Solid:
     boxes = [np.array([v.min(axis=0), v.max(axis=0)]) for (v, _), is_box in zip(bodies, cuboid, strict=True) if is_box]
     bodies = [body for body, is_box in zip(bodies, cuboid, strict=True) if not is_box]
     if len(bodies) > MAX_BODIES:
-        return Solid(bodies=(), boxes=_boxed(corners), how="boxed")
+        return boxed(corners)
     if len(loose):
-        boxes, how = [*boxes, *_boxed(loose)], "boxed"
+        boxes, how = [*boxes, *boxed(loose).boxes], "boxed"
     return Solid(bodies=tuple(bodies), boxes=np.array(boxes).reshape(-1, 2, 3), how=how)
 
 
@@ -129,8 +129,8 @@ def _is_closed(vertices: Points, faces: NDArray[np.int64]) -> bool:
     return bool(mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0.0)
 
 
-def _boxed(corners: Points) -> Points:
-    """Boxes (B, 2, 3) over the voxels that the surface passes and encloses."""
+def boxed(corners: Points) -> Solid:
+    """The voxels that the surface passes and encloses, as boxes."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     thin = np.maximum(THIN_M - (high - low), 0.0)
     low, high = low - 0.5 * thin, high + 0.5 * thin
@@ -149,4 +149,5 @@ def _boxed(corners: Points) -> Points:
     edges = [
         np.r_[lo, lo + (np.arange(n) + 0.5) * d, hi] for lo, hi, n, d in zip(low, high, steps, spacing, strict=True)
     ]
-    return np.stack([[edges[k % 3][boxes[:, k]] for k in half] for half in ((0, 1, 2), (3, 4, 5))]).transpose(2, 0, 1)
+    ends = [[edges[k % 3][boxes[:, k]] for k in half] for half in ((0, 1, 2), (3, 4, 5))]
+    return Solid(bodies=(), boxes=np.array(ends).transpose(2, 0, 1), how="boxed")
