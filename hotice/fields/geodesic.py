@@ -107,37 +107,29 @@ def _position(space, node):
 
 @numba.njit(cache=True, nogil=True)
 def _visible(space, margin, goal):
-    """Which nodes see the goal, (size,)."""
+    """Which nodes see the goal, (size,): whole blocks at once, or by halves where walls come near their beams."""
+    nx, ny, nz = space.nx, space.ny, space.nz
     seen = np.zeros(len(space.sdf), np.bool_)
-    for i in range(0, space.nx, BLOCK):
-        for j in range(0, space.ny, BLOCK):
-            for k in range(0, space.nz, BLOCK):
-                _see(space, margin, goal, seen, i, j, k, BLOCK)
+    stack = [(i, j, k, BLOCK) for i in range(0, nx, BLOCK) for j in range(0, ny, BLOCK) for k in range(0, nz, BLOCK)]
+    while len(stack):
+        i, j, k, width = stack.pop()
+        if i >= nx or j >= ny or k >= nz:
+            continue
+        if width == 1:
+            node = (i * ny + j) * nz + k
+            if space.sdf[node] - margin > _FREE_M:
+                seen[node] = trace(space, margin, goal, _position(space, node))[0]
+            continue
+        verdict = _beam(space, margin, goal, i, j, k, width)
+        if verdict > 0:
+            for a in range(i, min(i + width, nx)):
+                for b in range(j, min(j + width, ny)):
+                    seen[(a * ny + b) * nz + k : (a * ny + b) * nz + min(k + width, nz)] = True
+        elif verdict == 0:
+            half = width // 2
+            for part in range(8):
+                stack.append((i + half * (part >> 2), j + half * (part >> 1 & 1), k + half * (part & 1), half))
     return seen
-
-
-@numba.njit(cache=True, nogil=True)
-def _see(space, margin, goal, seen, i, j, k, width):
-    """Marks the nodes of a block that see the goal: all at once, or by halves where walls come near its beam."""
-    if i >= space.nx or j >= space.ny or k >= space.nz:
-        return
-    if width == 1:
-        node = (i * space.ny + j) * space.nz + k
-        if space.sdf[node] - margin > _FREE_M:
-            seen[node] = trace(space, margin, goal, _position(space, node))[0]
-        return
-    verdict = _beam(space, margin, goal, i, j, k, width)
-    if verdict < 0:
-        return
-    if verdict > 0:
-        for a in range(i, min(i + width, space.nx)):
-            for b in range(j, min(j + width, space.ny)):
-                for c in range(k, min(k + width, space.nz)):
-                    seen[(a * space.ny + b) * space.nz + c] = True
-        return
-    half = width // 2
-    for part in range(8):
-        _see(space, margin, goal, seen, i + half * (part >> 2), j + half * (part >> 1 & 1), k + half * (part & 1), half)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -209,41 +201,45 @@ def _spread(space, margin, node, dist, bend, certain, known, heap, slot, count):
 
 @numba.njit(cache=True, nogil=True)
 def _evaluate(space, margin, node, dist, bend, known):
-    """Length of the shortest path of `node` by way of its known neighbours, whose bend it takes; inf without any."""
+    """Length of the shortest path of `node` by way of its known neighbours; inf without any.
+
+    In this order: by a neighbour's bend that `node` sees, by a string pulled past the wall that hides one, and by a
+    step from a neighbour where no string is found. Sets the bend of `node`.
+    """
     h = space.h
     slack = _SLACK_PER_M * h * h
     x = _position(space, node)
-    near = np.empty(6)
+    near, hidden = np.full(6, np.inf), np.full(6, np.inf)
     for side in range(6):
         other = _neighbour(space, node, side)
-        near[side] = np.inf
         if other >= 0 and known[other]:
             near[side] = bend[other, 3] + distance(bend[other], x)
-    best, hidden = np.inf, -1
-    for _ in range(6):
-        side = np.argmin(near)
+    best, step = np.inf, np.inf
+    while near.min() < min(best, step) - slack:
+        side = near.argmin()
         value, other = near[side], _neighbour(space, node, side)
         near[side] = np.inf
-        if value >= best - slack:
-            break
-        a, y = (bend[other, 0], bend[other, 1], bend[other, 2]), _position(space, other)
-        if trace(space, margin, a, x)[0]:
+        y = _position(space, other)
+        if trace(space, margin, (bend[other, 0], bend[other, 1], bend[other, 2]), x)[0]:
             best = value
             bend[node] = bend[other]
         elif space.sdf[node] + space.sdf[other] - 2.0 * margin >= h or trace(space, margin, y, x)[0]:
-            if hidden < 0:
-                hidden = other
-            if dist[other] + h < best:
-                best = dist[other] + h
+            hidden[side] = value
+            if dist[other] + h < min(best, step):
+                step = dist[other] + h
                 bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = y[0], y[1], y[2], dist[other]
-    if hidden >= 0:
-        a, d = (bend[hidden, 0], bend[hidden, 1], bend[hidden, 2]), bend[hidden, 3]
-        if d + distance(a, x) < best - slack:
-            value, b, d = pull(space, margin, a, d, _position(space, hidden), x, best)
-            if value < best:
-                best = value
-                bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = b[0], b[1], b[2], d
-    return best
+    tried = 0
+    while hidden.min() < best - slack and (tried == 0 or best == np.inf):
+        side = hidden.argmin()
+        other = _neighbour(space, node, side)
+        hidden[side] = np.inf
+        a, y = (bend[other, 0], bend[other, 1], bend[other, 2]), _position(space, other)
+        value, b, d = pull(space, margin, a, bend[other, 3], y, x, min(best, step))
+        if value < best:
+            best = value
+            bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = b[0], b[1], b[2], d
+        tried += 1
+    return min(best, step)
 
 
 @numba.njit(cache=True)

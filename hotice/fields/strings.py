@@ -13,16 +13,16 @@ import numba
 
 from hotice.fields.solids import distance_bound, distance_within, normal_within
 
-DEPTH_PER_M = 0.5
-_STEP = 0.1
+DEPTH_PER_M = 0.25
+_STEP = 0.05
 """Least step of a trace in cells."""
 _NEAR = 0.15
 """Bounds below this many cells are replaced by exact distances."""
 _TURN = -0.2
 """Least cosine between the normals at the ends of a step in touch with a wall."""
 _MAX_STEPS = 300
-_HALVINGS = 4
-_MAX_BENDS = 6
+_HALVINGS = 7
+_MAX_BENDS = 12
 
 
 @numba.njit(cache=True, inline="always")
