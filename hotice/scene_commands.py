@@ -1,7 +1,8 @@
-"""The commands of `hotice scene`: import, show, check, list and generate."""
+"""Scenes: import them from maps, look at them, check them, list and generate them."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections import Counter
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from hotice.errors import HoticeError, InvalidConfig, OutputError
+from hotice.model.importers.front3d_scenes import Front3dConfig
 from hotice.model.importers.options import ImportOptions
 
 if TYPE_CHECKING:
@@ -86,10 +88,17 @@ def import_map(config: Flat[ImportConfig]) -> int:
     return 0
 
 
+def import_front3d(config: Flat[Front3dConfig]) -> int:
+    """Crop scenes from a house of the 3D-FRONT data set."""
+    from hotice.model.importers import front3d_scenes
+
+    return front3d_scenes.import_front3d(config)
+
+
 def show(config: Flat[ShowConfig]) -> int:
     """Open scenes in meshcat."""
     from hotice.files import write_text
-    from hotice.replay.scene_view import scene_page, serve_page
+    from hotice.replay.scene_view import page_server, scene_page
 
     if config.html is not None:
         _check_writable(config.html)
@@ -97,7 +106,9 @@ def show(config: Flat[ShowConfig]) -> int:
     if config.html is not None:
         print(write_text(config.html, page))
         return 0
-    serve_page(page, config.port, lambda url: print(f"{url} (Ctrl-C ends)", flush=True))
+    with page_server(page, config.port) as server, contextlib.suppress(KeyboardInterrupt):
+        print(f"http://127.0.0.1:{server.server_port}/ (Ctrl-C ends)", flush=True)
+        server.serve_forever()
     return 0
 
 
@@ -111,6 +122,8 @@ def check(scenes: Items) -> int:
     from rich.progress import track
     from rich.table import Table
 
+    if not scenes:
+        raise InvalidConfig("no scene is given: see `hotice scene list`")
     table = Table("scene", "obstacles", "path [m]", "clearance [m]", "verdict", title="g ground, s side, o overhead")
     console, bad = Console(), 0
     for item, scene in track(list(_each(scenes)), "checking", transient=True, console=console):
@@ -122,48 +135,58 @@ def check(scenes: Items) -> int:
 
 
 def list_scenes() -> int:
-    """List the scenes and families that hotice brings along."""
+    """List the scenes, sets and families that hotice brings along."""
     from rich.console import Console
 
     from hotice.learn.scene_sets import FAMILY_PREFIX
-    from hotice.model import shipped_scenes
     from hotice.model.generate.families import FAMILIES
+    from hotice.model.scene import shipped_scenes, shipped_sets
 
     console = Console(highlight=False)
     console.print("[bold]scenes[/]  " + ", ".join(shipped_scenes()))
-    console.print(f"[bold]families[/] ({FAMILY_PREFIX}NAME:COUNT, or with :SEED)  " + ", ".join(FAMILIES))
+    sets = [f"{name} ({len(scenes)}: {scenes[0]} .. {scenes[-1]})" for name, scenes in shipped_sets().items()]
+    console.print("[bold]sets[/]  " + ", ".join(sets))
+    console.print(
+        f"[bold]families[/]  {FAMILY_PREFIX}NAME:COUNT or {FAMILY_PREFIX}NAME:COUNT:SEED, NAME being one of "
+        + ", ".join(FAMILIES)
+    )
     return 0
 
 
 def generate(config: Flat[GenerateConfig]) -> int:
-    """Write generated scenes that can be traversed as files, and report the rejected ones."""
-    from rich.progress import track
+    """Write generated scenes as files and report the rejected draws."""
+    from rich.console import Console
 
     from hotice.files import make_folder
     from hotice.learn.scene_sets import FAMILY_PREFIX
-    from hotice.model.generate.traversable import check_traversable
+    from hotice.model.generate.families import generate_from_text
 
+    if not config.families:
+        raise InvalidConfig(f"no family is given: {FAMILY_PREFIX}NAME:COUNT or ...:SEED, see `hotice scene list`")
     wrong = [item for item in config.families if not item.startswith(FAMILY_PREFIX)]
     if wrong:
         raise InvalidConfig(f"{wrong[0]!r} is no family: {FAMILY_PREFIX}NAME:COUNT or ...:SEED is needed")
-    scenes = _resolve(config.families)
+    console = Console(highlight=False)
+    with console.status("generating"):
+        made = [generate_from_text(item.removeprefix(FAMILY_PREFIX)) for item in config.families]
+    scenes = [scene for part in made for scene in part.scenes]
     twice = [name for name, count in Counter(s.name for s in scenes).items() if count > 1]
     if twice:
         raise InvalidConfig(f"two scenes are named {twice[0]!r}: write them to different folders")
     make_folder(config.out)
-    written = 0
-    for scene in track(scenes, "generating", transient=True):
-        traversal = check_traversable(scene)
-        if traversal.ok:
-            scene.save(config.out / f"{scene.name.replace('/', '_')}.json")
-            written += 1
-        else:
-            print(f"rejected {scene.name}: {traversal.reason}")
-    print(f"{written} of {len(scenes)} scenes in {config.out}")
+    for scene in scenes:
+        scene.save(config.out / f"{scene.name}.json")
+    rejected = [r for part in made for r in part.rejected]
+    for r in rejected:
+        console.print(f"rejected {r.scene}, draw {r.draw}: {r.reason}", markup=False, soft_wrap=True)
+    console.print(f"{len(scenes)} scenes in {config.out}, {len(rejected)} draws rejected", markup=False, soft_wrap=True)
     return 0
 
 
-COMMANDS = {"import": import_map, "show": show, "check": check, "list": list_scenes, "generate": generate}
+COMMANDS = {
+    "import": import_map, "import-front3d": import_front3d, "show": show, "check": check, "list": list_scenes,
+    "generate": generate,
+}  # fmt: skip
 
 
 def main(argv: Sequence[str]) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -65,8 +65,8 @@ def scene_page(scenes: Sequence[Scene], *, robot: bool = True, arrows: bool = Fa
         viewer.window.server_proc.wait()
 
 
-def serve_page(page: str, port: int, ready: Callable[[str], None]) -> None:
-    """Serves a page to browsers on this machine until Ctrl-C; `ready` is called with its address.
+def page_server(page: str, port: int) -> ThreadingHTTPServer:
+    """A server of one page to browsers on this machine; port 0 takes any free one.
 
     Raises `HoticeError` when the port is taken.
     """
@@ -84,12 +84,9 @@ def serve_page(page: str, port: int, ready: Callable[[str], None]) -> None:
             pass
 
     try:
-        server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        return ThreadingHTTPServer(("127.0.0.1", port), Handler)
     except OSError as error:
         raise HoticeError(f"port {port} cannot be used: {error.strerror or error}; choose another, or 0") from None
-    with server, contextlib.suppress(KeyboardInterrupt):
-        ready(f"http://127.0.0.1:{server.server_port}/")
-        server.serve_forever()
 
 
 def start_solids(scene: Scene) -> RolloutRecord:

@@ -1,0 +1,138 @@
+import json
+import threading
+import urllib.request
+
+import numpy as np
+import pytest
+
+from hotice.learn.__main__ import main
+from hotice.model import Scene
+
+CROP = ["--start", "0", "0", "--goal", "2", "0"]
+
+
+def run(*arguments):
+    return main(["scene", *map(str, arguments)])
+
+
+def refused(capsys, *arguments):
+    """The one line that a bad request prints; nothing else happens."""
+    assert run(*arguments) == 2
+    out, err = capsys.readouterr()
+    assert err.startswith("hotice: ") and err.count("\n") == 1, err
+    assert not out.strip()
+    return err
+
+
+@pytest.fixture(scope="module")
+def cloud(tmp_path_factory):
+    """A floor with a block across half the way, as an ascii PCD."""
+    rng = np.random.default_rng(0)
+    floor = np.column_stack([rng.uniform(-2, 4, 40_000), rng.uniform(-2, 2, 40_000), np.zeros(40_000)])
+    block = np.column_stack([np.full(4000, 1.0), rng.uniform(0.3, 0.9, 4000), rng.uniform(0, 1, 4000)])
+    points = np.concatenate([floor, block]) + rng.normal(0, 0.003, (44_000, 3)) + [0.0, 0.0, 0.4]
+    path = tmp_path_factory.mktemp("maps") / "hall.pcd"
+    n = len(points)
+    header = f"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {n}\nHEIGHT 1\nPOINTS {n}\nDATA ascii\n"
+    path.write_text(header + "\n".join("{:.4f} {:.4f} {:.4f}".format(*p) for p in points))
+    return path
+
+
+@pytest.mark.parametrize("command", [[], ["import"], ["import-front3d"], ["show"], ["check"], ["list"], ["generate"]])
+def test_help(command, capsys):
+    with pytest.raises(SystemExit) as done:
+        run(*command, "--help")
+    assert done.value.code == 0 and "usage: hotice scene" in capsys.readouterr().out
+
+
+def test_import_writes_scene_and_picture(cloud, tmp_path, capsys):
+    out = tmp_path / "scene.json"
+    assert run("import", cloud, *CROP, "--out", out) == 0
+    text = capsys.readouterr().out
+    assert "noise" in text and "scene.json" in text and "scene.png" in text
+    scene = Scene.load(out)
+    assert scene.name == "hall" and {o.category for o in scene.obstacles} == {"side"}
+    assert (tmp_path / "scene.png").read_bytes().startswith(b"\x89PNG")
+    assert run("import", cloud, "--start", "0", "-0.2", "0.5", "--goal", "2", "0", "--out", out, "--name", "other") == 0
+    assert Scene.load(out).start == (0.0, -0.2, 0.5) and Scene.load(out).name == "other"
+
+
+def test_refused_imports_write_nothing(cloud, tmp_path, capsys):
+    (tmp_path / "cut.pcd").write_bytes(cloud.read_bytes()[:1000])
+    (tmp_path / "empty.ply").write_bytes(b"")
+    (tmp_path / "words.obj").write_text("no mesh\n")
+    out = tmp_path / "out" / "scene.json"
+    out.parent.mkdir()
+    for name in ("cut.pcd", "empty.ply", "words.obj", "none.pcd", "words.txt", "."):
+        refused(capsys, "import", tmp_path / name, *CROP, "--out", out)
+    refused(capsys, "import", cloud, "--start", "0", "--goal", "2", "0", "--out", out)
+    refused(capsys, "import", cloud, "--start", "1", "0.6", "--goal", "2", "0", "--out", out)
+    refused(capsys, "import", cloud, *CROP, "--out", out.with_suffix(".txt"))
+    refused(capsys, "import", cloud, *CROP, "--out", tmp_path / "missing" / "scene.json")
+    refused(capsys, "import", cloud, *CROP, "--voxel-m", "nan", "--out", out)
+    assert list(out.parent.iterdir()) == []
+
+
+def test_show_writes_a_page_of_its_own(tmp_path, capsys):
+    out = tmp_path / "page.html"
+    assert run("show", "beam", "family:gap:2", "--html", out) == 0
+    page = out.read_text()
+    assert str(out) in capsys.readouterr().out
+    assert page.count("fetch(") > 30  # objects inline as data addresses
+    assert 'src="http' not in page
+    refused(capsys, "show", "nothing", "--html", out)
+    refused(capsys, "show", "--html", out)
+    refused(capsys, "show", "beam", "--html", tmp_path / "missing" / "page.html")
+    refused(capsys, "show", "beam", "--port", "99999")
+
+
+def test_page_is_served(tmp_path):
+    from hotice.replay.scene_view import page_server
+
+    server = page_server("<p>scene</p>", 0)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    with urllib.request.urlopen(f"http://127.0.0.1:{server.server_port}/") as answer:
+        assert answer.read() == b"<p>scene</p>"
+    from hotice.errors import HoticeError
+
+    with pytest.raises(HoticeError, match="cannot be used"):
+        page_server("", server.server_port)
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def test_check_says_which_scene_is_bad(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "400")
+    content = json.loads(json.dumps(Scene("walled").to_dict()))
+    wall = {"type": "box", "size_m": [0.1, 2.2, 2.0]}
+    content["obstacles"] = [{"name": "w", "category": "side", "shape": wall, "position_m": [1, 0, 1]}]
+    (tmp_path / "walled.json").write_text(json.dumps(content))
+    (tmp_path / "broken.json").write_text("{")
+    assert run("check", "open_floor") == 0
+    assert "ok" in capsys.readouterr().out
+    assert run("check", "open_floor", tmp_path, "nothing") == 1
+    out = " ".join(capsys.readouterr().out.split())
+    for words in ("walled", "broken.json", "not JSON", "nothing", "unknown scene"):
+        assert words in out
+    refused(capsys, "check")
+
+
+def test_list_names_scenes_and_families(capsys):
+    assert run("list") == 0
+    out = capsys.readouterr().out
+    assert "open_floor" in out and "bench20" in out and "mixed" in out
+
+
+def test_generate_writes_files(tmp_path, capsys):
+    out = tmp_path / "made"
+    assert run("generate", "family:pipe:2:5", "family:gap:1", "--out", out) == 0
+    files = sorted(out.iterdir())
+    assert len(files) == 3 and all(Scene.load(f) for f in files)
+    assert "3 scenes in" in capsys.readouterr().out
+    refused(capsys, "generate", "--out", tmp_path / "none")
+    refused(capsys, "generate", "beam", "--out", tmp_path / "none")
+    refused(capsys, "generate", "family:nobody:2", "--out", tmp_path / "none")
+    refused(capsys, "generate", "family:gap:1", "family:gap:1", "--out", tmp_path / "none")
+    assert not (tmp_path / "none").exists()
