@@ -189,26 +189,37 @@ class Scene:
 
 
 def shipped_scenes() -> tuple[str, ...]:
-    """Names of the scenes that come with hotice."""
+    """Names of the single scenes that come with hotice; for those of a set see `shipped_sets`."""
     return tuple(sorted(p.stem for p in SHIPPED.glob("*.json")))
+
+
+def shipped_sets() -> dict[str, tuple[str, ...]]:
+    """The benchmark sets that come with hotice: names of their scenes, `<set>/<scene>`, by name of the set."""
+    folders = sorted(p for p in SHIPPED.iterdir() if p.is_dir())
+    sets = {f.name: tuple(f"{f.name}/{p.stem}" for p in sorted(f.glob("*.json"))) for f in folders}
+    return {name: scenes for name, scenes in sets.items() if scenes}
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
     """A shipped scene by name, or a scene file by path. Raises `UnknownName` (listing the names) or `InvalidScene`."""
     text = str(name_or_path)
-    if text in shipped_scenes():
-        return Scene.load(SHIPPED / f"{text}.json")
+    folder, _, rest = text.rpartition("/")
+    if text in shipped_scenes() or text in shipped_sets().get(folder, ()):
+        return Scene.load(SHIPPED / folder / f"{rest}.json")
     path = Path(text)
     if path.suffix == ".json" or len(path.parts) > 1 or _is(path.is_file):
         return Scene.load(path)
-    raise UnknownName("scene", text, shipped_scenes(), "the path of a .json file")
+    raise UnknownName("scene", text, (*shipped_scenes(), *shipped_sets()), "the path of a .json file")
 
 
 def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
-    """Scenes by name, file or folder (every .json in it, sorted). Raises as `load_scene`, also for an empty folder."""
+    """Scenes by name, set, file or folder (every .json in it, sorted). Raises as `load_scene`, also for an empty folder."""
     scenes: list[Scene] = []
     for item in items:
-        if str(item) not in shipped_scenes() and _is(Path(item).is_dir):
+        names = shipped_sets().get(str(item))
+        if names is not None:
+            scenes += [load_scene(name) for name in names]
+        elif str(item) not in shipped_scenes() and _is(Path(item).is_dir):
             files = sorted(Path(item).glob("*.json"))
             if not files:
                 raise InvalidScene(f"{item}: the folder holds no .json scene file")

@@ -83,6 +83,8 @@ def test_a_path_keeps_its_distance():
     way, envelope = check_traversable(scene), Envelope.of(LARGE)
     by_name = {p.name: i for i, p in enumerate(POSTURES)}
     assert way.ok and len(way.path) > 20
+    steps = np.linalg.norm(np.diff(way.path[:, :2], axis=0), axis=1)
+    assert steps.max() <= math.hypot(0.08, 0.04) + 1e-9 and {round(v, 6) for v in steps} > {0.04, 0.0}
     for (x, y, yaw), posture in zip(way.path, way.postures, strict=True):
         blocks = [0, 1, *envelope.posture_blocks[by_name[posture]]]
         rows = np.concatenate([np.arange(envelope.first[b], envelope.first[b + 1]) for b in blocks])

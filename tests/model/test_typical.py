@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -50,12 +52,14 @@ def test_rejected_draws_are_reported(monkeypatch):
 
     monkeypatch.setitem(families.CHECKED, "random", make)
     answers = iter(["stopped by 'beam'", "stopped by 'beam'", ""])
-    monkeypatch.setattr(families, "check_traversable", lambda *a, **k: type("Way", (), {"reason": next(answers)}))
+    monkeypatch.setattr(
+        families, "check_traversable", lambda *a, **k: SimpleNamespace(reason=next(answers), length_m=2)
+    )
     scene, rejected = draw_scene("random", "s", 0.5, (1, 2))
     assert [r.draw for r in rejected] == [0, 1, 2] and {r.scene for r in rejected} == {"s"}
     assert rejected[0].reason == "stopped by 'beam'" and "occurs twice" in rejected[2].reason
     assert {o.name for o in scene.obstacles} >= {"left_wall", "right_wall"}
-    monkeypatch.setattr(families, "check_traversable", lambda *a, **k: type("Way", (), {"reason": "no way"}))
+    monkeypatch.setattr(families, "check_traversable", lambda *a, **k: SimpleNamespace(reason="no way"))
     with pytest.raises(InvalidScene, match="none of 200 draws can be traversed; the last was no way"):
         draw_scene("random", "s", 0.5, (1, 2))
 
@@ -90,7 +94,7 @@ def test_graded_sizes():
             assert beam.position_m[2] - 0.5 * beam.shape.size_m[2] == pytest.approx((1.3, 1.0)[int(t)])
         for first, second in draws("s_bend", t):
             reach = [abs(o.position_m[1]) - 0.5 * o.shape.size_m[1] for o in (first, second)]
-            assert sum(reach) == pytest.approx((0.30, 0.02)[int(t)], abs=1e-9) or min(reach) >= 0
+            assert sum(reach) == pytest.approx((0.30, 0.08)[int(t)], abs=1e-9) or min(reach) >= 0
         for found in draws("table", t):
             tops = [o for o in found if o.name.endswith("_top")]
             assert len(tops) in (1, 2) and all(0.6 < o.position_m[2] < 1.0 for o in tops)
@@ -117,6 +121,4 @@ def test_random_clutter_leaves_its_lane_free(difficulty):
                     below = lane.headroom(o.position_m[0]) - 0.01
                     assert o.signed_distance(np.column_stack([points, np.full(9, below)])).min() > 0
     counts = [len(CHECKED["random"](d, np.random.default_rng(0))) for d in (0.0, 0.5, 1.0)]
-    assert counts[0] < counts[1] < counts[2] and not any(
-        isinstance(o.shape, CylinderShape) and o.shape.radius_m > 0.3 for o in obstacles
-    )
+    assert counts[0] < counts[1] < counts[2]

@@ -36,7 +36,7 @@ DROPS, UPRIGHT_DROPS = 8, 5
 """Pelvis heights: 0, 5, ... 35 cm below upright; in the first 20 cm the trunk stays upright."""
 CORE = np.array([(0.346, 0.045), *((z, 0.08) for z in (0.72, 0.76, 0.80, 0.84, 0.88))])
 """Height and radius [m] of balls on the axis that lie inside the envelope of every posture, whatever the heading."""
-COVER_RADIUS_M = 0.04
+COVER_RADIUS_M = 0.05
 FEET, SHINS = 0, 1
 """Blocks of an `Envelope` that no posture changes."""
 

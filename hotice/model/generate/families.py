@@ -9,6 +9,7 @@ and drawn again.
 from __future__ import annotations
 
 import itertools
+import math
 import zlib
 from dataclasses import dataclass
 
@@ -98,8 +99,12 @@ def family_from_text(text: str) -> list[Scene]:
     return list(generate_from_text(text).scenes)
 
 
-def draw_scene(name: str, title: str, difficulty: float, stream: tuple[int, ...]) -> tuple[Scene, list[Rejected]]:
-    """One scene of a checked family called `title`; draw n takes its numbers from `stream` and n.
+def draw_scene(
+    name: str, title: str, difficulty: float, stream: tuple[int, ...], longest_m: float = math.inf
+) -> tuple[Scene, list[Rejected]]:
+    """One scene of a checked family called `title`, with a way through of at most `longest_m`.
+
+    Draw n takes its numbers from `stream` and n.
 
     Raises:
         InvalidScene: none of 200 draws can be traversed.
@@ -109,7 +114,8 @@ def draw_scene(name: str, title: str, difficulty: float, stream: tuple[int, ...]
         rng = np.random.default_rng([*stream, draw])
         try:
             scene = Scene(title, obstacles=tuple(CHECKED[name](difficulty, rng)))
-            reason = check_traversable(scene, carried_half_extents_m=LOADS_M.get(name, LARGEST_M)).reason
+            way = check_traversable(scene, carried_half_extents_m=LOADS_M.get(name, LARGEST_M))
+            reason = way.reason or ("" if way.length_m <= longest_m else f"the way is {way.length_m:.2f} m long")
         except InvalidScene as error:
             reason = str(error)
         if not reason:

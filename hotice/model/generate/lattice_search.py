@@ -22,7 +22,7 @@ STRIDE_M = 0.52
 ROOMY_M, CAP_M = 0.10, 0.20
 """A path with less clearance than the first costs up to half as much again; no clearance above the second is known."""
 TURN_COST_M, POSTURE_COST_M = 0.03, 0.02
-GREED = 1.1
+GREED = 1.3
 """Weight of the way still to go: a path costs at most this much more than the cheapest, and is found sooner."""
 _MOVES = np.array(HEADINGS)
 _ANGLES = np.arctan2(_MOVES[:, 1], _MOVES[:, 0])
@@ -104,7 +104,7 @@ def search(
     room = _Room(
         grid.distance, (grid.first - grid.origin[:2]) / h, h, np.cos(_ANGLES), np.sin(_ANGLES),
         envelope.centre, envelope.radius, envelope.first, envelope.ball, envelope.posture_blocks,
-        np.full((*grid.size, len(HEADINGS), len(envelope.ball)), np.nan, dtype=np.float32), margin_m,
+        np.full((*grid.size, len(HEADINGS), len(envelope.ball)), np.nan), margin_m,
     )  # fmt: skip
     here, there = grid.cells(np.array(start[:2])), grid.cells(np.array(goal))
     i, j = np.rint(here).astype(int).tolist()
@@ -133,8 +133,10 @@ def _fill_strides(node: NDArray[np.int64]) -> NDArray[np.int64]:
     """Adds the places amid strides, (n, 3) -> (m, 3): a move by several steps along the heading becomes single steps."""
     filled = [node[:1]]
     for a, b in zip(node[:-1], node[1:], strict=True):
-        steps = max(1, int(np.abs(b[:2] - a[:2]).max() // np.abs(_MOVES[a[2]]).max())) if a[2] == b[2] else 1
-        filled.append(a + (b - a) * np.arange(1, steps + 1)[:, None] // steps)
+        along, move = _MOVES[a[2]], b[:2] - a[:2]
+        steps = max(1, int(move @ along // (along @ along)))
+        straight = (move == steps * along).all()
+        filled.append(a + (b - a) * np.arange(1, steps + 1)[:, None] // steps if straight else b[None])
     return np.concatenate(filled)
 
 

@@ -161,10 +161,10 @@ def lamps(difficulty: float, rng: np.random.Generator) -> Obstacles:
 def s_bend(difficulty: float, rng: np.random.Generator) -> Obstacles:
     """Two walls from opposite sides, 0.62 to 0.75 m apart, so that the way bends twice.
 
-    Seen along the way, their ends leave 0.30 to 0.02 m between them.
+    Seen along the way, their ends leave 0.30 to 0.08 m between them.
     """
     side, apart = either_side(rng), float(rng.uniform(0.62, 0.75))
-    short, shift = 0.5 * grade(difficulty, 0.30, 0.02), float(rng.uniform(-0.08, 0.08))
+    short, shift = 0.5 * grade(difficulty, 0.30, 0.08), float(rng.uniform(-0.08, 0.08))
     length = float(rng.uniform(0.06, 0.15))
     first = 1.18 - 0.5 * apart
     return [
