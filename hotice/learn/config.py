@@ -92,7 +92,10 @@ class TrainConfig:
     resume: bool = False
     """Go on from the newest checkpoint in `out`."""
     init: Path | None = None
-    """Start from networks, normalisers and optimiser (not the counters) of this checkpoint or run."""
+    """Start from networks, normalisers and optimiser (not the counters) of this checkpoint or run; without the optimiser
+    where that served another objective (a student's, when PPO goes on from it)."""
+    critic_updates: int = 0
+    """First updates that train only the critics: they get to know the task before they lead the actors."""
     curriculum: bool = True
     """Draw scenes that are neither solved nor hopeless more often."""
     seed: int = 0
@@ -125,7 +128,7 @@ class TrainConfig:
             raise InvalidConfig(
                 f"{self.num_envs} environments x {self.ppo.steps} steps do not divide into {self.ppo.minibatches} minibatches"
             )
-        for name in ("max_minutes", "checkpoint_minutes", "checkpoint_updates", "threads", "seed"):
+        for name in ("max_minutes", "checkpoint_minutes", "checkpoint_updates", "critic_updates", "threads", "seed"):
             value = getattr(self, name)
             if not 0 <= value < 2**63:  # also false for a value that is no number
                 raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")

@@ -22,6 +22,7 @@ from hotice.learn.config import TrainConfig
 from hotice.learn.curriculum import SceneCurriculum
 from hotice.learn.dual_ppo import DualPpo
 from hotice.learn.gae import gae
+from hotice.learn.learner import Learner
 from hotice.learn.networks import ActorCritic
 from hotice.learn.progress import Progress
 from hotice.learn.scene_sets import resolve_scenes
@@ -55,7 +56,7 @@ class Runner:
             config.init_std,
         ).to(env.device)
         generator = torch.Generator(env.device).manual_seed(config.seed + 1)
-        self.algo = DualPpo(self.net, config.ppo, env.policy_table.mirror, mirror_action, generator)
+        self.algo = self._make_learner(generator)
         self.rollout = Rollout(
             config.ppo.steps, env.num_envs, env.policy_table.size, env.critic_table.size, len(env.agents), env.device
         )
@@ -73,6 +74,9 @@ class Runner:
             self.load_learner(config.init)
         if config.resume and list_checkpoints(config.out):
             self.load(config.out)
+
+    def _make_learner(self, generator: torch.Generator) -> Learner:
+        return DualPpo(self.net, self.config.ppo, self.env.policy_table.mirror, mirror_action, generator)
 
     def train(self) -> None:
         """Runs until the limit of updates or minutes; saves at the end, also when interrupted."""
@@ -97,6 +101,7 @@ class Runner:
         begin = time.monotonic()
         self.collect()
         middle = time.monotonic()
+        self.algo.train_actors(self.update >= self.config.critic_updates)
         log = self.algo.update(self.rollout)
         self._observe_statistics()
         self.update += 1
@@ -120,11 +125,7 @@ class Runner:
         net, env, r = self.net, self.env, self.rollout
         terms = torch.zeros(len(env.rewards.names), device=env.device)
         for t in range(self.config.ppo.steps):
-            r.obs[t], r.critic_obs[t] = net.obs_norm(self.obs), net.critic_norm(self.critic_obs)
-            r.value[t] = net.values(r.critic_obs[t])
-            r.action[t], r.mean[t], r.log_prob[t] = self.algo.sample(r.obs[t])
-            self._raw_obs = self.obs
-            step = env.step(r.action[t])
+            step = env.step(self._act(t))
             r.reward[t], r.terminated[t], r.truncated[t] = step.reward, step.terminated, step.truncated
             if step.truncated.any():
                 ids = torch.nonzero(step.truncated).squeeze(1)
@@ -136,6 +137,14 @@ class Runner:
         last = net.values(net.critic_norm(self.critic_obs))
         ppo = self.config.ppo
         r.advantage = gae(r.reward, r.value, last, r.final_value, r.terminated, r.truncated, ppo.gamma, ppo.lam)
+
+    def _act(self, t: int) -> Tensor:
+        """Writes what the agents saw and did into row t of the rollout; returns the actions (N, 20)."""
+        net, r = self.net, self.rollout
+        r.obs[t], r.critic_obs[t] = net.obs_norm(self.obs), net.critic_norm(self.critic_obs)
+        r.value[t] = net.values(r.critic_obs[t])
+        r.action[t], r.mean[t], r.log_prob[t] = self.algo.sample(r.obs[t])
+        return r.action[t]
 
     def _observe_statistics(self) -> None:
         """Updates the normalisers, once an update, with the newest observations and their mirror images."""
@@ -153,15 +162,12 @@ class Runner:
     def save(self) -> Path:
         """Writes a checkpoint."""
         tensors = {f"net.{k}": v for k, v in self.net.state_dict().items()}
-        for index, state in self.algo.optimizer.state_dict()["state"].items():
-            tensors |= {f"optimizer.{index}.{k}": torch.as_tensor(v) for k, v in state.items()}
         tensors |= {f"env.{k}": v for k, v in self.env.state().items()}
-        tensors["generator"] = self.algo.generator.get_state()
+        tensors |= self.algo.state()
         tensors["reached"], tensors["touched"] = self.stats.reached, self.stats.touched
         tensors["curriculum"] = self.curriculum.rate
         meta: dict[str, Any] = {
-            "steps": self.steps, "minutes": self.minutes, "skipped": self.algo.skipped,
-            "learning_rates": [g["lr"] for g in self.algo.optimizer.param_groups],
+            **self.algo.meta(), "steps": self.steps, "minutes": self.minutes,
             "config": config_to_dict(self.config), "layout": self.env.policy_table.layout(),
             "critic_layout": self.env.critic_table.layout(), "scenes": self.env.bank.names, "source": source_version(),
             "num_envs": self.env.num_envs,
@@ -176,9 +182,12 @@ class Runner:
             self._restore_run(path, tensors, meta)
 
     def _restore_run(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
-        self._restore_learner(path, tensors, meta)
-        self.algo.skipped = int(meta["skipped"])
-        self.algo.generator.set_state(tensors["generator"].cpu())
+        if kind_of(meta) != self.algo.kind:
+            raise CheckpointError(
+                f"{path}: was trained by {kind_of(meta)!r}, not {self.algo.kind!r}: give another folder as out, or it as init"
+            )
+        self._load_net(path, tensors, meta)
+        self.algo.load_state(tensors, meta)
         self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
         same_envs = meta["num_envs"] == self.env.num_envs and meta["scenes"] == self.env.bank.names
         if same_envs and meta["config"]["task"] == config_to_dict(self.config)["task"]:
@@ -190,14 +199,16 @@ class Runner:
             self.curriculum.rate.copy_(tensors["curriculum"])
 
     def load_learner(self, path: Path) -> None:
-        """Takes networks, normalisers and optimiser of another run: without the latter, learning would start over.
+        """Takes networks and normalisers of another run, and its optimiser where that served the same objective.
 
         Inputs that hardly varied in that run (the distance to obstacles on an open floor) get zero weights and an ordinary
         variance: the old skill stays what it was when they begin to vary.
         """
         tensors, meta = load_checkpoint(path, self.env.device)
         with _same_version(path):
-            self._restore_learner(path, tensors, meta)
+            self._load_net(path, tensors, meta)
+            if kind_of(meta) == self.algo.kind:
+                self.algo.load_optimizer(tensors, meta)
         for norm, kind in ((self.net.obs_norm, "actor"), (self.net.critic_norm, "critic")):
             constant = norm.var < 1e-5
             norm.var[constant] = 0.1
@@ -206,20 +217,8 @@ class Runner:
                 with torch.no_grad():
                     first.weight[:, constant] = 0.0
 
-    def _restore_learner(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
+    def _load_net(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         self._check_fit(path, meta)
-        self._load_net(path, tensors)
-        opt = self.algo.optimizer.state_dict()
-        opt["state"] = {}
-        for key, value in tensors.items():
-            if key.startswith("optimizer."):
-                _, index, name = key.split(".", 2)
-                opt["state"].setdefault(int(index), {})[name] = value
-        self.algo.optimizer.load_state_dict(opt)
-        for group, lr in zip(self.algo.optimizer.param_groups, meta["learning_rates"], strict=True):
-            group["lr"] = lr
-
-    def _load_net(self, path: Path, tensors: dict[str, Tensor]) -> None:
         try:
             self.net.load_state_dict({k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
         except RuntimeError as error:
@@ -231,6 +230,11 @@ class Runner:
             raise CheckpointError(f"{path}: observation layout differs from the environment's")
         if meta["config"]["preset"] != self.config.preset:
             raise CheckpointError(f"{path}: trained as {meta['config']['preset']!r}, not {self.config.preset!r}")
+
+
+def kind_of(meta: dict[str, Any]) -> str:
+    """What trained a checkpoint; before distillation there was only one way."""
+    return meta.get("learner", DualPpo.kind)
 
 
 @contextlib.contextmanager
