@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from hotice.fields.hod_pf import GuidanceField, HodPf, build_hod_pf
 from hotice.fields.potential import FieldParams
-from hotice.fields.similarity import scene_similarity, similarity_to_set
+from hotice.fields.similarity import scene_similarity, similarity_matrix, similarity_to_set
 
 if TYPE_CHECKING:
     from hotice.fields.alignment import cosine, encode, residual_cosine
@@ -19,7 +19,8 @@ _LAZY = {
 
 __all__ = [
     "FieldBank", "FieldParams", "FieldSample", "Guidance", "GuidanceField", "HodPf",
-    "build_hod_pf", "cosine", "encode", "query", "residual_cosine", "scene_similarity", "similarity_to_set",
+    "build_hod_pf", "cosine", "encode", "query", "residual_cosine", "scene_similarity",
+    "similarity_matrix", "similarity_to_set",
 ]  # fmt: skip
 
 

@@ -6,42 +6,139 @@ bounds share. The similarity of a scene to a training set is the largest over th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hotice.errors import InvalidConfig
 from hotice.fields.hod_pf import HodPf
+from hotice.model.scene import Scene
+
+if TYPE_CHECKING:
+    from hotice.fields.bank import FieldBank
+
+FIELDS = ("sgf", "ogf")
+SMALLEST = 1e-9
+"""Vectors shorter than this count as orthogonal to all others [m/s]."""
+CHUNK_NODES = 65_536
 
 
 def scene_similarity(a: HodPf, b: HodPf, resolution_m: float | None = None) -> float:
     """Average over shared positions and both fields of the cosine between guidance vectors, in [-1, 1].
 
-    `resolution_m`: of the comparison (default: the finer of the two, 0.04 m in the paper). Vectors shorter than 1e-9
-    count as orthogonal. Raises `InvalidConfig` when the bounds share no node or the resolution is out of range.
+    `resolution_m`: of the comparison (default: the finer of the two, 0.04 m in the paper). Raises `InvalidConfig` when
+    the bounds share no node or the resolution is out of range.
     """
-    h = min(a.grid.resolution_m, b.grid.resolution_m) if resolution_m is None else resolution_m
+    p_W = _shared_nodes(a.scene, b.scene, min(a.grid.resolution_m, b.grid.resolution_m), resolution_m)
+    cosines = [
+        (_unit(x.sample(p_W)) * _unit(y.sample(p_W))).sum(axis=-1).mean() for x, y in ((a.sgf, b.sgf), (a.ogf, b.ogf))
+    ]
+    return float(np.mean(cosines))
+
+
+def similarity_matrix(
+    a: Sequence[HodPf] | FieldBank, b: Sequence[HodPf] | FieldBank, resolution_m: float | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> NDArray[np.float32]:  # fmt: skip
+    """`scene_similarity` of every scene of `a` to every one of `b`, (A, B).
+
+    Scenes of equal bounds are compared together: each is sampled once and turned into unit vectors, chunk by chunk, and a
+    chunk's cosines are one matrix product in float32. `progress` is told the share that is done, in [0, 1].
+
+    Raises:
+        InvalidConfig: an empty set, bounds that share no node, or a resolution out of range.
+    """
+    rows, columns = _members(a), _members(b)
+    result = np.empty((len(rows), len(columns)), dtype=np.float32)
+    done = 0
+    for mine in _groups(rows):
+        for theirs in _groups(columns):
+            one, other = rows[mine[0]], columns[theirs[0]]
+            p_W = _shared_nodes(one.scene, other.scene, min(one.resolution_m, other.resolution_m), resolution_m)
+            total = np.zeros((len(mine), len(theirs)))
+            for start in range(0, len(p_W), CHUNK_NODES):
+                part = p_W[start : start + CHUNK_NODES]
+                for field in FIELDS:
+                    total += _units(rows, mine, field, part) @ _units(columns, theirs, field, part).T
+                if progress is not None:
+                    share = min(start + CHUNK_NODES, len(p_W)) / len(p_W)
+                    progress((done + share * total.size) / result.size)
+            result[np.ix_(mine, theirs)] = total / (len(FIELDS) * len(p_W))
+            done += total.size
+    return result
+
+
+def similarity_to_set(
+    scene: HodPf, training: Sequence[HodPf] | FieldBank, resolution_m: float | None = None
+) -> tuple[float, int]:
+    """Largest similarity to a training scene, and that scene's index. Raises `InvalidConfig` for an empty set."""
+    values = similarity_matrix([scene], training, resolution_m)[0]
+    best = int(np.argmax(values))
+    return float(values[best]), best
+
+
+@dataclass(frozen=True)
+class _Member:
+    """A scene of a set; `sample` maps the name of a field and positions (n, 3) to vectors (n, 3)."""
+
+    scene: Scene
+    resolution_m: float
+    sample: Callable[[str, NDArray[np.float32]], NDArray[np.floating]]
+
+
+def _members(scenes: Sequence[HodPf] | FieldBank) -> list[_Member]:
+    if isinstance(scenes, Sequence):
+        members = [
+            _Member(pf.scene, pf.grid.resolution_m, lambda f, p, pf=pf: getattr(pf, f).sample(p)) for pf in scenes
+        ]
+    else:
+        members = [_Member(s, scenes.volumes.resolution_m, _of_bank(scenes, i)) for i, s in enumerate(scenes.scenes)]
+    if not members:
+        raise InvalidConfig("no scenes: similarity needs at least one on either side")
+    return members
+
+
+def _of_bank(bank: FieldBank, index: int) -> Callable[[str, NDArray[np.float32]], NDArray[np.floating]]:
+    import torch
+
+    def sample(field: str, p_W: NDArray[np.float32]) -> NDArray[np.floating]:
+        scene = torch.tensor([index], device=bank.device)
+        return bank.sample(field, scene, torch.from_numpy(p_W).to(bank.device)[None]).force_W[0].cpu().numpy()
+
+    return sample
+
+
+def _groups(members: list[_Member]) -> list[list[int]]:
+    """Indices of the members, together where bounds and resolution are equal."""
+    groups: dict[object, list[int]] = {}
+    for i, member in enumerate(members):
+        groups.setdefault((member.scene.bounds_m, member.resolution_m), []).append(i)
+    return list(groups.values())
+
+
+def _shared_nodes(a: Scene, b: Scene, finer_m: float, resolution_m: float | None) -> NDArray[np.float32]:
+    """Grid nodes (n, 3) in W of the box that both scenes' bounds share, at `resolution_m` or else `finer_m`."""
+    h = finer_m if resolution_m is None else resolution_m
     if not 0.01 <= h <= 1.0:
         raise InvalidConfig(f"resolution_m is {h!r}: 0.01 to 1 m is needed to compare scenes")
-    (a_low, a_high), (b_low, b_high) = np.array(a.scene.bounds_m), np.array(b.scene.bounds_m)
+    (a_low, a_high), (b_low, b_high) = np.array(a.bounds_m), np.array(b.bounds_m)
     low = np.maximum(a_low, b_low)
     cells = np.floor((np.minimum(a_high, b_high) - low) / h + 0.5).astype(int)
     if cells.min() < 1:
-        raise InvalidConfig(f"scenes {a.scene.name!r} and {b.scene.name!r} share no grid node at resolution {h} m")
+        raise InvalidConfig(f"scenes {a.name!r} and {b.name!r} share no grid node at resolution {h} m")
     axes = [low[i] + (np.arange(cells[i]) + 0.5) * h for i in range(3)]
-    p_W = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return float(np.mean([_mean_cosine(x.sample(p_W), y.sample(p_W)) for x, y in ((a.sgf, b.sgf), (a.ogf, b.ogf))]))
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float32)
 
 
-def similarity_to_set(scene: HodPf, training: Sequence[HodPf]) -> tuple[float, int]:
-    """Largest similarity to a training scene, and that scene's index. Raises `InvalidConfig` for an empty set."""
-    if not training:
-        raise InvalidConfig("no training scenes: similarity to a set needs at least one")
-    values = [scene_similarity(scene, other) for other in training]
-    best = int(np.argmax(values))
-    return values[best], best
+def _units(members: list[_Member], which: list[int], field: str, p_W: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Unit vectors of one field of some members at p_W (n, 3), (members, 3 n)."""
+    return np.stack([_unit(members[i].sample(field, p_W)).reshape(-1) for i in which])
 
 
-def _mean_cosine(f: np.ndarray, g: np.ndarray) -> float:
-    product = np.linalg.norm(f, axis=-1) * np.linalg.norm(g, axis=-1)
-    return float(((f * g).sum(axis=-1) / np.maximum(product, 1e-9)).mean())
+def _unit(f: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Vectors (..., 3) of length one, zero where they are shorter than `SMALLEST`."""
+    length = np.sqrt((f * f).sum(axis=-1, keepdims=True))
+    return np.where(length < SMALLEST, 0.0, f / np.maximum(length, SMALLEST)).astype(f.dtype)

@@ -3,7 +3,8 @@ import pytest
 
 from hotice.errors import InvalidConfig
 from hotice.fields import build_hod_pf
-from hotice.fields.similarity import scene_similarity, similarity_to_set
+from hotice.fields.bank import FieldBank
+from hotice.fields.similarity import scene_similarity, similarity_matrix, similarity_to_set
 from hotice.model import Scene, load_scene
 
 
@@ -28,7 +29,7 @@ def test_best_of_a_set(fields):
     value, index = similarity_to_set(fields["pipe"], training)
     assert index == 1 and value == pytest.approx(1.0, abs=1e-6)
     value, index = similarity_to_set(fields["beam"], training)
-    assert value == max(scene_similarity(fields["beam"], t) for t in training)
+    assert value == pytest.approx(max(scene_similarity(fields["beam"], t) for t in training), abs=1e-5)
 
 
 def test_grid_nodes_are_the_positions(fields):
@@ -41,11 +42,37 @@ def test_grid_nodes_are_the_positions(fields):
     assert scene_similarity(a, b) == pytest.approx(np.mean(want), abs=1e-6)
 
 
+def test_the_matrix_holds_every_pair(fields):
+    """Also across scenes of other bounds and resolutions, each pair over the box that it shares."""
+    small = build_hod_pf(Scene("small", ((-0.3, -0.6, 0.1), (2.3, 0.8, 1.2))), 0.08)
+    fine = build_hod_pf(load_scene("gap"), 0.06)
+    rows, columns = [fields["gap"], small, fields["pipe"], fine], [fields["beam"], fine, small]
+    found = similarity_matrix(rows, columns)
+    want = [[scene_similarity(a, b) for b in columns] for a in rows]
+    assert found.shape == (4, 3) and found.dtype == np.float32
+    np.testing.assert_allclose(found, want, atol=2e-6)
+    coarse = similarity_matrix(rows, columns, 0.2)
+    assert coarse[0, 0] == pytest.approx(scene_similarity(rows[0], columns[0], 0.2), abs=2e-6)
+
+
+def test_a_bank_is_as_similar_as_its_scenes(fields):
+    names = ["gap", "pipe", "open_floor"]
+    bank = FieldBank.build([load_scene(n) for n in names], 0.08)
+    shares = []
+    found = similarity_matrix(bank, [fields[n] for n in names], progress=shares.append)
+    np.testing.assert_allclose(found, similarity_matrix([fields[n] for n in names], bank), atol=2e-6)
+    np.testing.assert_allclose(np.diag(found), 1.0, atol=1e-5)
+    assert (np.diff(shares) > 0).all() and shares[-1] == pytest.approx(1.0)
+    assert similarity_to_set(fields["pipe"], bank)[1] == 1
+
+
 def test_errors(fields):
     far = build_hod_pf(Scene("far", ((9, 9, 0), (11, 11, 1.5)), (10, 10, 0), (10.5, 10)), 0.2)
     with pytest.raises(InvalidConfig, match="share no grid node"):
         scene_similarity(fields["gap"], far)
     with pytest.raises(InvalidConfig, match="resolution_m is 0"):
         scene_similarity(fields["gap"], fields["gap"], 0)
-    with pytest.raises(InvalidConfig, match="no training scenes"):
+    with pytest.raises(InvalidConfig, match="no scenes"):
         similarity_to_set(fields["gap"], [])
+    with pytest.raises(InvalidConfig, match="share no grid node"):
+        similarity_matrix([fields["gap"], fields["pipe"]], [far])

@@ -1,0 +1,54 @@
+"""How far the unseen scenes are from the training scenes: each one's largest similarity over the set (IV, unseen scenes).
+
+`python -m benchmarks.similarity [--unseen unseen50] [--training train75]`, sets or families as in `hotice evaluate`.
+Prints the histogram, the time of the comparison, and the unseen scenes least and most like the training set.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from hotice.fields.bank import FieldBank
+from hotice.fields.similarity import similarity_matrix
+from hotice.learn.scene_sets import resolve_scenes
+
+BINS = 12
+BAR_WIDTH = 40
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--unseen", nargs="+", default=["unseen50"])
+    parser.add_argument("--training", nargs="+", default=["train75"])
+    args = parser.parse_args()
+    console = Console(width=None if Console().is_terminal else 130)
+    unseen, training = (FieldBank.build(resolve_scenes(names), progress=True) for names in (args.unseen, args.training))
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("comparing", total=1.0)
+        wall, cpu = time.perf_counter(), time.process_time()
+        matrix = similarity_matrix(unseen, training, progress=lambda share: progress.update(task, completed=share))
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    best, which = matrix.max(axis=1), matrix.argmax(axis=1)
+    counts, edges = np.histogram(best, bins=BINS)
+    table = Table(title=f"similarity of {len(best)} unseen scenes to {matrix.shape[1]} training scenes")
+    table.add_column("largest similarity", justify="right")
+    table.add_column("scenes", justify="right")
+    table.add_column("")
+    for count, low, high in zip(counts, edges, edges[1:], strict=False):
+        table.add_row(f"{low:.3f} - {high:.3f}", str(count), "█" * round(BAR_WIDTH * count / counts.max()))
+    console.print(table)
+    order = np.argsort(best)
+    for what, rows in (("least", order[:3]), ("most", order[:-4:-1])):
+        names = ", ".join(f"{unseen.names[i]} ({best[i]:.3f}, {training.names[which[i]]})" for i in rows)
+        console.print(f"{what} alike: {names}")
+    console.print(f"range {best.min():.3f} .. {best.max():.3f}; compared in {wall:.1f} s ({cpu:.1f} s of one core)")
+
+
+if __name__ == "__main__":
+    main()
