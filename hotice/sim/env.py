@@ -21,7 +21,7 @@ from hotice.sim import cover
 from hotice.sim.carry_bank import CarryBank, pick
 from hotice.sim.commands import heading_error, navigation_command
 from hotice.sim.config import TaskConfig, get_preset
-from hotice.sim.events import Starter, push
+from hotice.sim.events import Starter, push, turn_about_root
 from hotice.sim.memory import check_memory
 from hotice.sim.observations import POLICY, PRIVILEGED, ObservationTable
 from hotice.sim.physics import make_physics
@@ -186,8 +186,9 @@ class TransportEnv:
         """One control step (20 ms) with actions (N, 20)."""
         self._act(action)
         push(self.physics, self.config, self.generator)
+        place = torch.nan_to_num(self.physics.qpos[:, :2])
         self._advance()
-        unstable = self._contain()
+        unstable = self._contain(place)
         s = self.snapshot()
         outcome = self._outcome(s, unstable)
         truncated = outcome == OUTCOMES.index("timeout")
@@ -248,15 +249,17 @@ class TransportEnv:
         self.read[ids] = self.sensors.delay(measured, ids)
         return self.read[ids]
 
-    def _contain(self) -> Tensor:
-        """Finds diverged simulations, (N,) bool, and puts a finite state in their place until they are restarted."""
+    def _contain(self, place: Tensor) -> Tensor:
+        """Finds diverged simulations, (N,) bool; until they are restarted they stand at their last `place` (N, 2) [m]."""
         p = self.physics
         bad = ~(torch.isfinite(p.qpos).all(dim=1) & torch.isfinite(p.qvel).all(dim=1))
         bad |= (p.qvel.abs() > 1e3).any(dim=1) | (p.qpos[:, :3].abs() > 1e3).any(dim=1)
         if bad.any():
             ids = torch.nonzero(bad).squeeze(1)
             self.unstable += len(ids)
-            p.qpos[ids] = self.carry.qpos[self.memory.model[ids]].to(p.qpos.dtype)
+            upright = torch.nn.functional.pad(place[ids].double(), (0, 1))
+            carried = self.carry.qpos[self.memory.model[ids]]
+            p.qpos[ids] = turn_about_root(carried, upright, self.layout.object_q).to(p.qpos.dtype)
             p.qvel[ids] = 0.0
             p.forward(ids)
         return bad

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import mujoco
 import mujoco.batch
@@ -15,6 +16,7 @@ from torch import Tensor
 from hotice.errors import InvalidConfig
 from hotice.model.builder import HIT_SENSORS
 
+_STAGE = mujoco.mjtStage
 _NEVER_EXPANDED = frozenset({"names", "paths", "text_data", "key_qpos", "key_qvel", "key_ctrl", "qpos_spring"})
 
 
@@ -23,6 +25,18 @@ def _view(array: np.ndarray) -> Tensor:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return torch.from_numpy(array)
+
+
+@contextlib.contextmanager
+def _unlogged() -> Iterator[None]:
+    """MuJoCo's warnings are neither printed nor written to MUJOCO_LOG.TXT: the task finds and counts diverged states."""
+    before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
+    quiet.logto_file = quiet.logto_console = False
+    quiet.set()
+    try:
+        yield
+    finally:
+        before.set()
 
 
 class MujocoBatch:
@@ -67,14 +81,17 @@ class MujocoBatch:
         for k in range(0, substeps, at_once):
             if before is not None:
                 before(k)
-            self._step(at_once)
+            last = k + at_once == substeps
+            self._step(at_once, _STAGE.mjSTAGE_ACC if last and self.hits is not None else _STAGE.mjSTAGE_VEL)
             if self._hit_count is not None and self.hits is not None:  # a contact counts in whichever step it happens
                 self.hits |= self._hit_count > 0
         self.actuator_force.copy_(self._force)
 
-    def _step(self, substeps: int) -> None:
+    def _step(self, substeps: int, stage: mujoco.mjtStage) -> None:
+        """Steps, then computes stages of the new state; contact sensors are current from `mjSTAGE_ACC` on."""
         try:
-            self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+            with _unlogged():
+                self.batch.step(nstep=substeps, stage=stage)
         except mujoco.batch.SimulationError as error:  # those rows keep their state: mark them, the task ends them
             self.qvel[torch.as_tensor(np.asarray(error.ids), dtype=torch.int64)] = torch.nan
 
@@ -90,16 +107,16 @@ class MujocoBatch:
         return {name: value.clone() for name, value in rows.items()}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
-        self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self.batch.reset(stage=_STAGE.mjSTAGE_NONE)
         self.qpos[:], self.qvel[:], self.ctrl[:] = state["qpos"], state["qvel"], state["ctrl"]
         self._warmstart[:], self._time[:] = state["warmstart"], state["time"]
-        self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
+        self.batch.forward(stage=_STAGE.mjSTAGE_VEL)
         if "actuator_force" in state:  # absent in checkpoints written before it was kept
             self.actuator_force.copy_(state["actuator_force"])
 
     def forward(self, ids: Tensor) -> None:
         self._warmstart[ids] = 0.0
-        self.batch.forward(ids=ids.to(torch.int32).numpy(), stage=mujoco.mjtStage.mjSTAGE_VEL)
+        self.batch.forward(ids=ids.to(torch.int32).numpy(), stage=_STAGE.mjSTAGE_VEL)
         self.actuator_force[ids] = 0.0
         if self.hits is not None:
             self.hits[ids] = False
