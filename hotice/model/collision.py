@@ -128,7 +128,6 @@ class CollisionChecker:
         self, scene: Scene | None = None, carried: CarriedObject | None = None, joints: int = 20,
         kinds: Collection[str] = tuple(k for k in KINDS if k != GRASP),
     ) -> None:  # fmt: skip
-
         for kind in kinds:
             if kind not in KINDS:
                 raise UnknownName("kind of pairs", kind, KINDS)
@@ -194,7 +193,7 @@ class CollisionChecker:
         return p_WA, p_WB, normal
 
     def _jacobian(self, state: RobotState, rows: Rows, p_WA: Array, normal_W: Array) -> Array:
-        """N · (velocity of B − velocity of A): A's and B's witness lie on one line along n, so one arm serves both."""
+        """The distance grows by n · (v_B − v_A); both witness points lie on one line along n, so one arm serves both."""
         self._kinematics.update(state)
         wrench = np.concatenate([normal_W, np.cross(p_WA, normal_W)], axis=1)
         joint, support = self._joint[rows], self._kinematics.support
@@ -204,7 +203,8 @@ class CollisionChecker:
     def _mesh_rows(self, obstacles: tuple[Obstacle, ...]) -> list[tuple[Obstacle, Rows]]:
         second = np.array([b for _, b in self.names], dtype=np.str_)
         meshes = [o for o in obstacles if o.shape.type == "mesh"]
-        return [(o, np.flatnonzero(second == builder.OBSTACLE_PREFIX + o.name)) for o in meshes]
+        rows = [(o, np.flatnonzero(second == builder.OBSTACLE_PREFIX + o.name)) for o in meshes]
+        return [(o, index) for o, index in rows if len(index)]
 
     def _inside(self, obstacle: Obstacle, rows: Rows) -> NDArray[np.bool_]:
         """Which rows' A, not crossing the mesh's surface, lies behind it."""

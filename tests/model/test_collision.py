@@ -301,6 +301,7 @@ def test_inside_a_mesh_counts_as_collision(tmp_path):
     assert report.jacobian()[0, -4] == pytest.approx(1.0, abs=1e-6)  # up is out
     far = checker.query(RobotState(p_WP=np.zeros(3), joint_pos=np.zeros(29), carried=ball, p_WO=np.array([0, 0, 3.4])))
     assert far.distance[0] == pytest.approx(0.3, abs=1e-6)
+    assert (CollisionChecker(scene, kinds=(SELF,)).query(far.state).kind == SELF).all()
 
 
 def test_errors():
