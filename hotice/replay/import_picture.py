@@ -28,8 +28,9 @@ def write_import_picture(imported: Imported, path: str | Path) -> Path:
 
     Raises `OutputError` when `path` cannot be written.
     """
-    width, depth, height = np.subtract(*imported.scene.bounds_m[::-1])
-    figure = Figure(figsize=(12.0, 12.0 * depth / (2.0 * width) + 1.4), dpi=110, layout="constrained")
+    low, high = np.array(imported.scene.bounds_m)
+    width, depth, height = high - low
+    figure = Figure(figsize=(12.0, 6.0 * max(depth, height) / width + 1.5), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     top, side = figure.subplots(1, 2)
     for axes, plane in ((top, (0, 1)), (side, (0, 2))):
@@ -41,8 +42,7 @@ def write_import_picture(imported: Imported, path: str | Path) -> Path:
     notes = "; ".join(
         f"{name}: {text}" for name, text in imported.notes.items() if name in ("floor", "crop", "obstacles")
     )
-    figure.suptitle(f"{imported.scene.name}\n", fontsize=12)
-    figure.text(0.5, 0.965, notes, ha="center", va="top", fontsize=8, color="#475569")
+    figure.suptitle(f"{imported.scene.name}\n{notes}", fontsize=9)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return write_bytes(path, buffer.getvalue())

@@ -46,7 +46,7 @@ def scene_page(scenes: Sequence[Scene], *, robot: bool = True, arrows: bool = Fa
     viewer = _viewer()
     try:
         columns = math.ceil(math.sqrt(len(scenes)))
-        pitch = np.max([np.subtract(*s.bounds_m[::-1]) for s in scenes], axis=0) + GAP_M
+        pitch = np.max([np.ptp(s.bounds_m, axis=0) for s in scenes], axis=0) + GAP_M
         for n, scene in enumerate(scenes):
             row, column = divmod(n, columns)
             offset = -np.array([*np.mean(scene.bounds_m, axis=0)[:2], 0.0]) + [column * pitch[0], -row * pitch[1], 0.0]
@@ -175,7 +175,7 @@ def _add_segments(at: Any, start: Array, shaft: Array, color: str) -> None:
     tip = start + shaft
     ends = [start, tip, tip, tip - 0.3 * shaft + 0.15 * aside, tip, tip - 0.3 * shaft - 0.15 * aside]
     points = np.stack(ends, axis=1).reshape(-1, 3).T.astype(np.float32)
-    at.set_object(g.LineSegments(g.PointsGeometry(points), g.LineBasicMaterial(color=_rgb(color))))
+    at.set_object(g.LineSegments(g.PointsGeometry(points), g.LineBasicMaterial(color=_rgb(color))))  # type: ignore[arg-type]
 
 
 def _rgb(color: str) -> int:

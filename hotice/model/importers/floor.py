@@ -124,7 +124,7 @@ def _level(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     sine = float(np.linalg.norm(axis))
     if sine < 1e-12:
         return np.eye(3)
-    return quat_to_mat(quat_from_axis_angle(axis / sine, math.atan2(sine, normal[2])))
+    return quat_to_mat(quat_from_axis_angle(axis / sine, math.atan2(sine, normal[2]))).astype(np.float64)
 
 
 def _no_floor(reason: str) -> InvalidMap:

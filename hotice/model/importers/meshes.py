@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +89,7 @@ def split_bodies(
         if size[k] < 4:
             continue
         part = np.flatnonzero(label == k)
-        body = mesh.submesh([part], append=True, repair=False)
+        body = cast(trimesh.Trimesh, mesh.submesh([part], append=True, repair=False))
         if body.is_watertight and body.is_winding_consistent and abs(body.volume) > 1e-9:
             if body.volume < 0.0:
                 body.invert()

@@ -8,6 +8,7 @@ Faces err outward: 2.6 to 3.2 cm on average at 4 cm voxels, for noise of 3 to 20
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numba
 import numpy as np
@@ -62,7 +63,7 @@ def occupied(voxels: Voxels, min_points: int, min_voxels: int) -> NDArray[np.boo
     least = min_points or int(np.clip(np.median(count[count > 0]) // 4, 1, 3))
     fringe = FRINGE_SHARE * ndimage.maximum_filter(count, footprint=_NEIGHBOURS, mode="constant")
     kept = (count >= least) & (count >= fringe)
-    group, groups = ndimage.label(kept, _TOUCHING)
+    group, groups = cast(tuple[NDArray[np.int32], int], ndimage.label(kept, _TOUCHING))
     large = np.bincount(group.ravel(), minlength=groups + 1) >= min_voxels
     large[0] = False
     return enclosed(closed(large[group]))
@@ -70,15 +71,22 @@ def occupied(voxels: Voxels, min_points: int, min_voxels: int) -> NDArray[np.boo
 
 def closed(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """`solid` with gaps of up to two voxels filled: space is free where a cube of three voxels fits between solid ones."""
-    return ndimage.binary_closing(np.pad(solid, 2), _TOUCHING)[2:-2, 2:-2, 2:-2] | solid
+    return solid | np.asarray(ndimage.binary_closing(np.pad(solid, 2), _TOUCHING), dtype=bool)[2:-2, 2:-2, 2:-2]
 
 
 def enclosed(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """`solid` and the air in it that has no way out but holes of up to two voxels, the floor below layer 0 being closed."""
     with_floor = np.pad(solid, ((0, 0), (0, 0), (1, 0)), constant_values=True)
-    thick = ndimage.binary_dilation(with_floor, _TOUCHING)
-    core = ndimage.binary_fill_holes(thick) & ~thick
-    return ndimage.binary_fill_holes(with_floor | ndimage.binary_dilation(core, _TOUCHING))[:, :, 1:]
+    thick = _dilated(with_floor)
+    return _filled(with_floor | _dilated(_filled(thick) & ~thick))[:, :, 1:]
+
+
+def _dilated(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.asarray(ndimage.binary_dilation(mask, _TOUCHING), dtype=bool)
+
+
+def _filled(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.asarray(ndimage.binary_fill_holes(mask), dtype=bool)
 
 
 def cover_by_boxes(solid: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -96,7 +104,7 @@ def column_extent(solid: NDArray[np.bool_], box: NDArray[np.int64]) -> tuple[int
     By it a box is judged to be on the ground or overhead: a table's leg is not on the ground where one of its boxes ends.
     """
     x0, y0, bottom, x1, y1, top = box
-    layers = solid[x0:x1, y0:y1].any(axis=(0, 1))
+    layers = np.asarray(solid[x0:x1, y0:y1].any(axis=(0, 1)))
     while bottom > 0 and layers[bottom - 1]:
         bottom -= 1
     while top < len(layers) and layers[top]:
