@@ -11,6 +11,7 @@ from hotice.errors import InvalidConfig
 from hotice.learn.benchmark import BenchmarkConfig
 from hotice.learn.config import TrainConfig
 from hotice.learn.evaluate import EvaluateConfig
+from hotice.learn.student_config import DistillConfig, FinetuneConfig
 
 Flat = tyro.conf.OmitArgPrefixes
 
@@ -49,6 +50,22 @@ class PlayConfig:
 
 def train(config: Flat[TrainConfig]) -> int:
     """Train the agents of a preset with dual PPO."""
+    from hotice.learn.runner import Runner
+
+    Runner(config).train()
+    return 0
+
+
+def distill(config: Flat[DistillConfig]) -> int:
+    """Make one student of several teachers (DAgger), under noise, delays and pushes."""
+    from hotice.learn.dagger import DistillRunner
+
+    DistillRunner(config).train()
+    return 0
+
+
+def finetune(config: Flat[FinetuneConfig]) -> int:
+    """Go on from a student with dual PPO, under noise, delays and pushes."""
     from hotice.learn.runner import Runner
 
     Runner(config).train()
@@ -119,6 +136,6 @@ def scene() -> int:
 
 
 COMMANDS = {
-    "train": train, "evaluate": evaluate, "export": export, "play": play, "tables": tables, "benchmark": benchmark,
-    "scene": scene,
+    "train": train, "distill": distill, "finetune": finetune, "evaluate": evaluate, "export": export, "play": play,
+    "tables": tables, "benchmark": benchmark, "scene": scene,
 }  # fmt: skip
