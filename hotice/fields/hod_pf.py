@@ -147,7 +147,7 @@ def build_hod_pf(
     """Solves both fields of a scene. Raises `InvalidConfig` for a resolution or margin outside the allowed range."""
     margin_m = check_margin(margin_m)
     params = params or FieldParams()
-    nodes = solve_scene(scene, resolution_m, (0.0, margin_m))
+    nodes = solve_scene(scene, resolution_m, (0.0, margin_m), threads=2)
     volumes = stack([nodes])
     sgf, ogf = (GuidanceField(volumes, i, nodes.reached[i], margin, params) for i, margin in enumerate((0.0, margin_m)))
     return HodPf(scene, nodes.grid, sgf, ogf, margin_m, params)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.fields.potential import FieldParams, f_rep_scalar
-from hotice.fields.volumes import Volumes
+from hotice.fields.volumes import SLOPE_STEP, Volumes
 
 PARALLEL_FROM = 2_000
 """Fewer points than this run on one thread, where starting threads would cost more."""
@@ -66,7 +66,9 @@ def _distance_kernel(sdf, origin, shape, offset, h, ids, p, out):
         out[n, q] = _distance(sdf, offset[s], nx, ny, nz, ux, uy, uz)
 
 
-def _field_kernel(sdf, geo, origin, shape, offset, h, ids, p, margin, d0, eta, xi, s_min, force, distance, geodesic):
+def _field_kernel(
+    sdf, geo, step, origin, shape, offset, h, ids, p, margin, d0, eta, xi, s_min, force, distance, geodesic
+):
     """F, inflated distance and geodesic distance of points p (N, K, 3) in scenes ids (N,), into the last three."""
     per_scene = p.shape[1]
     inv_h = 1.0 / h
@@ -90,7 +92,8 @@ def _field_kernel(sdf, geo, origin, shape, offset, h, ids, p, margin, d0, eta, x
             gy += w * geo[node, 2]
             gz += w * geo[node, 3]
         away = _distance(sdf, start, nx, ny, nz, ux, uy, uz) - margin
-        gx, gy, gz = -eta * gx, -eta * gy, -eta * gz
+        pull = -eta * SLOPE_STEP
+        gx, gy, gz = pull * gx, pull * gy, pull * gz
         if away < d0:
             push = f_rep_scalar(away, d0, xi, s_min) * inv_h
             high, low = _clamp(ux + 1.0, nx), _clamp(ux - 1.0, nx)
@@ -104,7 +107,7 @@ def _field_kernel(sdf, geo, origin, shape, offset, h, ids, p, margin, d0, eta, x
             gz += push * rise / (high - low)
         force[n, q, 0], force[n, q, 1], force[n, q, 2] = gx, gy, gz
         distance[n, q] = away
-        geodesic[n, q] = g
+        geodesic[n, q] = g * step[s]
 
 
 _distance_one: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(_distance_kernel)
@@ -137,6 +140,6 @@ def sample_field(
     kernel = _field_many if distance.size >= PARALLEL_FROM else _field_one
     v = volumes
     kernel(
-        v.sdf, v.geo[field], v.origin, v.shape, v.offset, v.resolution_m, ids, p_W,
+        v.sdf, v.geo[field], v.step[:, field].copy(), v.origin, v.shape, v.offset, v.resolution_m, ids, p_W,
         margin_m, *params.letters(), force_W, distance, geodesic,
     )  # fmt: skip

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from hotice.fields.potential import FieldParams, f_rep
-from hotice.fields.volumes import Volumes
+from hotice.fields.volumes import SLOPE_STEP, Volumes
 
 
 @dataclass(frozen=True)
@@ -19,17 +19,18 @@ class TorchVolumes:
     origin: Tensor
     shape: Tensor
     offset: Tensor
+    step: Tensor
     sdf: Tensor
     geo: tuple[Tensor, ...]
 
     @classmethod
     def of(cls, volumes: Volumes, device: torch.device | str = "cpu") -> TorchVolumes:
         """The tensors of `volumes` on a device."""
-        origin, shape, offset, sdf, *geo = (
+        origin, shape, offset, step, sdf, *geo = (
             torch.from_numpy(a).to(device)
-            for a in (volumes.origin, volumes.shape, volumes.offset, volumes.sdf, *volumes.geo)
+            for a in (volumes.origin, volumes.shape, volumes.offset, volumes.step, volumes.sdf, *volumes.geo)
         )
-        return cls(volumes.resolution_m, origin, shape, offset, sdf, tuple(geo))
+        return cls(volumes.resolution_m, origin, shape, offset, step, sdf, tuple(geo))
 
 
 def _grid_coordinates(v: TorchVolumes, ids: Tensor, p_W: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -77,6 +78,7 @@ def sample_field(
     u, shape, first = _grid_coordinates(v, ids, p_W)
     index, weight = _corners(u, shape, first)
     geo = (v.geo[field][index] * weight[..., None]).sum(dim=-2)
+    distance = geo[..., 0] * v.step[ids, field][:, None]
     s = (v.sdf[index] * weight).sum(dim=-1) - margin_m
     slope = []
     for axis in range(3):
@@ -85,5 +87,5 @@ def sample_field(
         high, low = _clamp(u + step, shape), _clamp(u - step, shape)
         rise = _distance(v, high, shape, first) - _distance(v, low, shape, first)
         slope.append(rise / ((high - low)[..., axis] * v.resolution_m))
-    force = f_rep(s, params)[..., None] * torch.stack(slope, dim=-1) - params.attraction * geo[..., 1:]
-    return force, s, geo[..., 0]
+    force = f_rep(s, params)[..., None] * torch.stack(slope, dim=-1) - params.attraction * SLOPE_STEP * geo[..., 1:]
+    return force, s, distance
