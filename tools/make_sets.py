@@ -26,7 +26,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-SPACING_M = 0.03
+SPACING_M = 0.04
 COLORS = {"ground": (0.80, 0.45, 0.10), "side": (0.25, 0.42, 0.65), "overhead": (0.62, 0.30, 0.62)}
 
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hotice.errors import InvalidScene
+from hotice.errors import InvalidConfig, InvalidObject, InvalidScene
 from hotice.model import Box, Obstacle, Scene, builder
 from hotice.model.carry import Posture, solve_carry
 from hotice.model.generate import check_traversable, family_scenes, require_traversable
@@ -110,6 +110,13 @@ def test_start_inside_the_envelope_and_reasons():
     assert require_traversable(Scene("open")).ok
     with pytest.raises(InvalidScene, match="places to search"):
         check_traversable(Scene("wide", ((-20.0, -20.0, 0.0), (20.0, 20.0, 1.0))))
+
+
+def test_impossible_options():
+    with pytest.raises(InvalidObject, match="load: carried_half_extents_m is nan"):
+        check_traversable(Scene("open"), carried_half_extents_m=(0.1, math.nan, 0.1))
+    with pytest.raises(InvalidConfig, match="resolution_m is 0: 0.01 to 0.1 is allowed"):
+        check_traversable(Scene("open"), resolution_m=0)
 
 
 def inside(points, boxes, slack):

@@ -117,7 +117,7 @@ def search(
         reached = np.argwhere(np.isfinite(_core_distance(room, CORE, _MOVES, here, 0.5 * h)))
         last = reached[np.linalg.norm(reached - there, axis=1).argmin()] if len(reached) else (i, j)
         found, node = False, np.array([[*last, heading]])
-    feet = np.array([_block_clearance(room, *n, FEET) for n in node.tolist()])
+    feet = np.array([_block_clearance(room, i, j, k, FEET) for i, j, k in node.tolist()])
     stands = feet >= margin_m
     posture = _postures(room, _EFFORT, _CHANGES, node, stands)
     if (posture < 0).any():

@@ -19,9 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidScene
+from hotice.errors import InvalidConfig, InvalidScene
 from hotice.model.generate.envelope import FEET, POSTURES, SHINS, Envelope
 from hotice.model.generate.lattice_search import CAP_M, HEADINGS, BodyGrid, LatticePath, search
+from hotice.model.objects import positive
 from hotice.model.scene import Scene
 
 MARGIN_M = 0.02
@@ -68,7 +69,12 @@ def check_traversable(
 
     Raises:
         InvalidScene: the scene has too many places for this resolution.
+        InvalidObject, InvalidConfig: an extent that is not positive; a resolution outside 1 to 10 cm.
     """
+    for value in carried_half_extents_m:
+        positive("load", "carried_half_extents_m", value)
+    if not 0.01 <= resolution_m <= 0.1:
+        raise InvalidConfig(f"resolution_m is {resolution_m!r}: 0.01 to 0.1 is allowed")
     envelope = Envelope.of(carried_half_extents_m)
     grid = _grid(scene, resolution_m, CAP_M + float(envelope.ball[:, 3].max()))
     found = search(grid, envelope, scene.start, scene.goal, GOAL_RADIUS_M, MARGIN_M)
@@ -103,7 +109,7 @@ def _grid(scene: Scene, resolution: float, far: float) -> BodyGrid:
     if size[0] * size[1] > MAX_PLACES:
         raise InvalidScene(
             f"scene {scene.name!r} has {size[0]} x {size[1]} places to search, at most {MAX_PLACES:,} are allowed: "
-            f"crop it, or check it at a resolution above {resolution:g} m"
+            f"crop it, or check it at a coarser resolution than {resolution:g} m"
         )
     nodes = np.ceil((high - [*low[:2], 0.0]) / resolution).astype(int) + 1
     origin = np.array([*low[:2], 0.0])
@@ -141,7 +147,7 @@ def _reason(scene: Scene, envelope: Envelope, end: NDArray, found: LatticePath) 
     where = f"at ({x:.2f}, {y:.2f}), {math.dist((x, y), scene.goal):.2f} m before the goal"
     step = 0.2 if found.clearance[-1] >= MARGIN_M else 0.0
     ahead = math.atan2(scene.goal[1] - y, scene.goal[0] - x)
-    blocks = [FEET, SHINS, *envelope.posture_blocks[found.node[-1, 3]]]
+    blocks = [FEET, SHINS, *envelope.posture_blocks[found.node[-1, 3]].tolist()]
     rows = np.concatenate([np.arange(envelope.first[b], envelope.first[b + 1]) for b in blocks])
     c, s = math.cos(yaw), math.sin(yaw)
     p_W = envelope.centre[rows] @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
