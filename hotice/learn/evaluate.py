@@ -3,24 +3,33 @@
 A trial ends at success, at a failure, or after 5 s. Success: the root comes within 0.1 m (horizontally) of the goal before
 any fall, drop or collision of robot or object. Mean distance: root to goal at the end of each trial, averaged.
 Every link of the robot and the object are tested against every obstacle geometry in the simulator, in every physics step.
+
+The unit of work is a block: up to `batch` trials of one scene, simulated side by side on one thread, with random numbers of
+its own. Blocks are shared out to processes; results depend neither on their number nor on interruptions.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from hotice.errors import InvalidConfig, OutputError
 from hotice.fields.bank import FieldBank
 from hotice.files import write_text
 from hotice.learn.policy import Policy, check_layout, load_policy
+from hotice.learn.report import make_report, print_report
+from hotice.learn.trials import Trials, TrialStore
 from hotice.learn.version import source_version
-from hotice.learn.wilson import wilson
+from hotice.model.carry import CarryState
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Scene
 from hotice.sim.carry_bank import CarryBank
@@ -28,14 +37,9 @@ from hotice.sim.config import TaskConfig
 from hotice.sim.env import TransportEnv
 from hotice.sim.memory import check_memory
 from hotice.sim.terminations import OUTCOMES
-from hotice.sim.threads import use_threads
+from hotice.sim.threads import one_thread
 
-FORMAT = "hotice-report/1"
-CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable")
-PLURAL = {
-    "robot_collision": "robot_collisions", "object_collision": "object_collisions", "fall": "falls", "drop": "drops",
-    "timeout": "timeouts", "unstable": "unstable",
-}  # fmt: skip
+CPU = torch.device("cpu")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,20 +49,21 @@ class EvaluateConfig:
     policy: str
     """Shipped policy by name, .onnx file, checkpoint folder or run."""
     scenes: tuple[str, ...]
-    """Scene names, files, folders, or families as `family:NAME:COUNT`."""
+    """Scene names, sets (bench20, unseen50), files, folders, or families as `family:NAME:COUNT`."""
     rollouts: int = 100
     """Trials a scene."""
     seed: int = 0
-    """Seed of objects and starts."""
+    """Seed of objects, starts and perturbations."""
     out: Path | None = None
-    """Report file (JSON); none: only print."""
-    batch: int = 256
-    """Trials simulated at once."""
+    """Report file (JSON); none: only print. What is done is kept in the folder OUT.trials beside it, and an evaluation of the
+    same policy, scenes and settings goes on from there."""
+    batch: int = 250
+    """Trials simulated side by side by one process."""
     threads: int = 0
-    """Threads; 0: all cores."""
+    """Processes, each on one core; 0: one for each core."""
     fine: bool = False
     """Simulate with 2 ms steps and elliptic friction cones instead of the training settings."""
-    perturbed: bool = False
+    perturbed: bool = True
     """Noise, delays, pushes and uncertain dynamics as in the training of students."""
     shapes: tuple[str, ...] = ("box",)
     """Shapes of the carried objects."""
@@ -80,38 +85,6 @@ class EvaluateConfig:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
 
 
-@dataclass
-class SceneScore:
-    """Trials of one scene."""
-
-    name: str
-    outcomes: dict[str, int] = field(default_factory=dict)
-    distances_m: list[float] = field(default_factory=list)
-    times_s: list[float] = field(default_factory=list)
-
-    @property
-    def rollouts(self) -> int:
-        return len(self.distances_m)
-
-    @property
-    def successes(self) -> int:
-        return self.outcomes.get("success", 0)
-
-    @property
-    def mean_distance_m(self) -> float:
-        return sum(self.distances_m) / max(1, self.rollouts)
-
-    def to_dict(self) -> dict[str, Any]:
-        low, high = wilson(self.successes, self.rollouts)
-        times = [t for t in self.times_s if t > 0]
-        return {
-            "name": self.name, "rollouts": self.rollouts, "success_rate": self.successes / max(1, self.rollouts),
-            "success_interval_95": [round(low, 4), round(high, 4)], "mean_distance_m": self.mean_distance_m,
-            "mean_success_time_s": sum(times) / len(times) if times else None,
-            **{PLURAL[c]: self.outcomes.get(c, 0) for c in CAUSES},
-        }  # fmt: skip
-
-
 def evaluation_task(task: dict[str, Any], *, fine: bool = False, perturbed: bool = False) -> TaskConfig:
     """The task a policy was trained on, with the paper's trial: 5 s, from the scene's start, over at the goal."""
     known = TaskConfig()
@@ -129,70 +102,158 @@ def evaluation_task(task: dict[str, Any], *, fine: bool = False, perturbed: bool
     )  # fmt: skip
 
 
-def score_scene(
-    policy: Policy, scene: Scene, states: Sequence, rollouts: int, seed: int, *, batch: int = 256, threads: int = 0,
-    fine: bool = False, perturbed: bool = False, on_trials: Callable[[int], None] | None = None,
-) -> SceneScore:  # fmt: skip
-    """Runs the trials of one scene; every carry state is used in turn."""
+def score_block(
+    policy: Policy, scene: Scene, states: Sequence[CarryState], rollouts: int, seed: int, *, first: int = 0,
+    fine: bool = False, perturbed: bool = True, on_trials: Callable[[int], None] | None = None,
+) -> Trials:  # fmt: skip
+    """Runs trials `first` .. `first + rollouts` of a scene side by side; every carry state is used in turn.
+
+    `on_trials(n)` is called when n more trials have ended. Raises `CheckpointError` for a policy of another observation.
+    """
     config = evaluation_task(policy.meta["task"], fine=fine, perturbed=perturbed)
-    device = torch.device("cpu")
-    bank = FieldBank.build([scene], config.resolution_m, config.margin_m)
+    bank = _fields(scene, config.resolution_m, config.margin_m)
     carry = CarryBank.of(
-        states, config.physics_dt_s, device, scene=scene, elliptic=fine, dynamics=config.dynamics, seed=seed
+        states, config.physics_dt_s, CPU, scene=scene, elliptic=fine, dynamics=config.dynamics, seed=seed
     )
-    score = SceneScore(scene.name)
-    size = min(batch, rollouts)
-    env = TransportEnv(size, bank, carry, policy.meta["preset"], seed=seed, config=config, threads=threads)
+    env = TransportEnv(rollouts, bank, carry, policy.meta["preset"], seed=seed, config=config, threads=1)
     check_layout(policy, env.policy_table.layout())
-    while score.rollouts < rollouts:
-        count = min(size, rollouts - score.rollouts)
-        env.memory.model[:] = (torch.arange(size) + score.rollouts) % len(states)
-        obs, _ = env.reset()
-        open_trials = torch.arange(size) < count
-        while open_trials.any():
-            step = env.step(policy.act(obs))
-            obs = step.policy
-            for i in torch.nonzero((step.outcome > 0) & open_trials).squeeze(1).tolist():
-                name = OUTCOMES[int(step.outcome[i])]
-                score.outcomes[name] = score.outcomes.get(name, 0) + 1
-                score.distances_m.append(float(step.goal_distance[i]))
-                score.times_s.append(float(step.length[i]) * config.control_dt_s if name == "success" else 0.0)
-                open_trials[i] = False
-                if on_trials:
-                    on_trials(1)
-    return score
+    env.memory.model[:] = (torch.arange(rollouts) + first) % len(states)
+    obs, _ = env.reset()
+    outcome, steps = (torch.zeros(rollouts, dtype=torch.int64) for _ in range(2))
+    distance_m = torch.zeros(rollouts)
+    while (outcome == 0).any():
+        step = env.step(policy.act(obs))
+        obs = step.policy
+        ended = (outcome == 0) & (step.outcome > 0)
+        outcome[ended], steps[ended], distance_m[ended] = (
+            step.outcome[ended], step.length[ended], step.goal_distance[ended]
+        )  # fmt: skip
+        if on_trials:
+            on_trials(int(ended.sum()))
+    return Trials(
+        outcome=tuple(OUTCOMES[i] for i in outcome.tolist()), distance_m=tuple(distance_m.tolist()),
+        time_s=tuple(round(n * config.control_dt_s, 6) for n in steps.tolist()),
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def _fields(scene: Scene, resolution_m: float, margin_m: float) -> FieldBank:
+    """Fields of one scene, kept for its next block."""
+    return FieldBank.build([scene], resolution_m, margin_m, workers=1)
+
+
+def block_seed(seed: int, block: int) -> int:
+    """Seed of a block's random numbers; the first block has the evaluation's."""
+    return seed if block == 0 else int(np.random.SeedSequence([seed, block]).generate_state(2, np.uint32)[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scorer:
+    """Everything that processes need to score blocks: the evaluation, its scenes and its objects."""
+
+    config: EvaluateConfig
+    scenes: tuple[Scene, ...]
+    states: tuple[CarryState, ...]
+
+    @classmethod
+    def of(cls, config: EvaluateConfig) -> Scorer:
+        """Resolves the scenes and draws the objects. Raises `HoticeError`."""
+        from hotice.learn.scene_sets import resolve_scenes
+
+        scenes = resolve_scenes(config.scenes)
+        check_memory(min(config.batch, config.rollouts), config.rollouts * len(scenes))
+        ranges = ObjectRange(shapes=config.shapes, size_m=config.size_m, mass_kg=config.mass_kg)
+        states = CarryBank.sample(ranges, min(config.objects, config.rollouts), config.seed, 0.005, CPU).states
+        return cls(config=config, scenes=tuple(scenes), states=states)
+
+    def blocks(self) -> list[tuple[int, int]]:
+        """(scene, block) of all trials."""
+        count = -(-self.config.rollouts // self.config.batch)
+        return [(scene, block) for scene in range(len(self.scenes)) for block in range(count)]
+
+    def size(self, block: int) -> int:
+        """Trials of a block."""
+        return min(self.config.batch, self.config.rollouts - block * self.config.batch)
+
+    def score(self, policy: Policy, scene: int, block: int, on_trials: Callable[[int], None] | None = None) -> Trials:
+        """Runs a block on one thread."""
+        with one_thread():
+            return score_block(
+                policy, self.scenes[scene], self.states, self.size(block), block_seed(self.config.seed, block),
+                first=block * self.config.batch, fine=self.config.fine, perturbed=self.config.perturbed,
+                on_trials=on_trials,
+            )  # fmt: skip
+
+    def settings(self, policy: Policy) -> dict[str, Any]:
+        """What the trials depend on, JSON-ready: only trials of equal settings may be joined."""
+        ignored = ("out", "threads", "policy", "scenes")
+        config = {k: v for k, v in asdict(self.config).items() if k not in ignored}
+        texts = [json.dumps(s.to_dict(), sort_keys=True) for s in self.scenes]
+        settings = {
+            **config, "policy": policy_digest(policy), "source": source_version(),
+            "scenes": [hashlib.sha256(text.encode()).hexdigest() for text in texts],
+        }  # fmt: skip
+        return json.loads(json.dumps(settings))
+
+
+def policy_digest(policy: Policy) -> str:
+    """SHA-256 of what a policy says of itself and of what it does at 64 random observations."""
+    size = sum(width for _, width in policy.meta["layout"])
+    generator = torch.Generator().manual_seed(0)
+    with one_thread():
+        actions = policy.act(torch.randn(64, size, generator=generator))
+    said = json.dumps(policy.meta, sort_keys=True, default=str)
+    return hashlib.sha256(said.encode() + actions.contiguous().numpy().tobytes()).hexdigest()
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     """Scores a policy on scenes, prints a table, writes the report; returns it. Raises `HoticeError`."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    from hotice.learn.scene_sets import resolve_scenes
+    from hotice.learn.score_processes import score_blocks
 
-    use_threads(config.threads)
-    policy = load_policy(config.policy)
-    scenes = resolve_scenes(config.scenes)
-    check_memory(min(config.batch, config.rollouts), config.rollouts * len(scenes))
+    policy = load_policy(config.policy, threads=1)
     if config.out is not None:
         check_writable(config.out)
-    ranges = ObjectRange(shapes=config.shapes, size_m=config.size_m, mass_kg=config.mass_kg)
-    states = CarryBank.sample(
-        ranges, min(config.objects, config.rollouts), config.seed, 0.005, torch.device("cpu")
-    ).states
+    scorer = Scorer.of(config)
+    names = [scene.name for scene in scorer.scenes]
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    scores = []
+    done: dict[tuple[int, int], Trials] = {}
+    store = None
+    if config.out is not None:
+        store = TrialStore(Path(f"{config.out}.trials"), scorer.settings(policy), names)
+        done = store.blocks
+        if store.changed:
+            console.print(
+                f"{store.folder} was made with another {', '.join(store.changed)}: starting anew", highlight=False
+            )
+        elif done:
+            console.print(
+                f"{len(done)} of {len(scorer.blocks())} blocks are in {store.folder}: going on", highlight=False
+            )
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    )  # fmt: skip
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("trials", total=config.rollouts * len(scenes))
-        for scene in scenes:
-            progress.update(task, description=scene.name)
-            scores.append(
-                score_scene(
-                    policy, scene, states, config.rollouts, config.seed, batch=config.batch, threads=config.threads,
-                    fine=config.fine, perturbed=config.perturbed, on_trials=lambda n: progress.advance(task, n),
-                )
-            )  # fmt: skip
+        before = sum(trials.rollouts for trials in done.values())
+        task = progress.add_task("trials", total=config.rollouts * len(names), completed=before)
+        left = [block for block in scorer.blocks() if block not in done]
+        for (scene, block), trials in score_blocks(
+            scorer, policy, left, config.threads, lambda n: progress.update(task, completed=before + n)
+        ):
+            done[scene, block] = trials
+            if store is not None:
+                store.add(scene, block, trials)
+    blocks = [[done[key] for key in scorer.blocks() if key[0] == scene] for scene in range(len(names))]
+    scores = [(name, Trials.joined(parts)) for name, parts in zip(names, blocks, strict=True)]
     report = make_report(policy, config, scores)
     if config.out is not None:
         write_text(config.out, json.dumps(report, indent=1) + "\n")
@@ -200,59 +261,8 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     return report
 
 
-def make_report(policy: Policy, config: EvaluateConfig, scores: Sequence[SceneScore]) -> dict[str, Any]:
-    """The report as JSON-ready values, format hotice-report/1."""
-    total = sum(s.rollouts for s in scores)
-    wins = sum(s.successes for s in scores)
-    low, high = wilson(wins, total)
-    return {
-        "format": FORMAT, "policy": policy.name, "seed": config.seed, "rollouts": config.rollouts,
-        "success_rate": wins / max(1, total), "success_interval_95": [round(low, 4), round(high, 4)],
-        "mean_distance_m": sum(sum(s.distances_m) for s in scores) / max(1, total),
-        "perturbed": config.perturbed, "physics": "2 ms, elliptic" if config.fine else "5 ms, pyramidal",
-        "objects": {"shapes": list(config.shapes), "size_m": list(config.size_m), "mass_kg": list(config.mass_kg)},
-        "trained": policy.meta.get("trained", {}), "preset": policy.meta["preset"], "source": source_version(),
-        "scenes": [s.to_dict() for s in scores],
-    }  # fmt: skip
-
-
-def print_report(report: dict[str, Any], console) -> None:
-    """Prints the report as a table."""
-    from rich.table import Table
-
-    table = Table(
-        title=f"{report['policy']}: {report['rollouts']} trials a scene, seed {report['seed']}, {report['physics']}"
-        + (", noise and pushes" if report["perturbed"] else "")
-    )
-    for name, justify in (
-        ("scene", "left"),
-        ("success", "right"),
-        ("95 %", "right"),
-        ("distance [m]", "right"),
-        ("time [s]", "right"),
-    ):
-        table.add_column(name, justify=justify)  # type: ignore[arg-type]
-    for cause in ("robot hit", "object hit", "fall", "drop", "timeout"):
-        table.add_column(cause, justify="right")
-    for row in report["scenes"]:
-        low, high = row["success_interval_95"]
-        time = row["mean_success_time_s"]
-        table.add_row(
-            row["name"], f"{row['success_rate']:.1%}", f"{100 * low:.0f}–{100 * high:.0f}", f"{row['mean_distance_m']:.3f}",
-            "–" if time is None else f"{time:.2f}", *(str(row[PLURAL[c]]) for c in CAUSES[:5]),
-        )  # fmt: skip
-    low, high = report["success_interval_95"]
-    table.add_section()
-    table.add_row(
-        "all", f"{report['success_rate']:.1%}", f"{100 * low:.0f}–{100 * high:.0f}", f"{report['mean_distance_m']:.3f}"
-    )
-    console.print(table)
-
-
 def check_writable(path: Path) -> None:
     """Raises `OutputError` now rather than after the work, when the report could not be written."""
-    import os
-
     folder = path.parent
     if path.is_dir():
         raise OutputError(f"cannot write {path}: it is a folder")

@@ -77,16 +77,19 @@ def shipped_policies() -> tuple[str, ...]:
     return tuple(sorted(p.stem for p in POLICIES.glob("*.onnx")))
 
 
-def load_policy(name_or_path: str | Path) -> Policy:
-    """A shipped policy by name, an ONNX file, a checkpoint folder or a run. Raises `CheckpointError` or `UnknownName`."""
+def load_policy(name_or_path: str | Path, threads: int = 0) -> Policy:
+    """A shipped policy by name, an ONNX file (run by `threads` threads, 0: all cores), a checkpoint folder or a run.
+
+    Raises `CheckpointError` or `UnknownName`.
+    """
     text = str(name_or_path)
     if text in shipped_policies():
-        return OnnxPolicy(POLICIES / f"{text}.onnx", text)
+        return OnnxPolicy(POLICIES / f"{text}.onnx", text, threads)
     path = Path(text)
     if path.is_dir():
         return torch_policy(path)
     if path.suffix == ".onnx" or path.is_file():
-        return OnnxPolicy(path)
+        return OnnxPolicy(path, threads=threads)
     if len(path.parts) > 1:
         raise CheckpointError(f"{path}: no such policy file or checkpoint folder")
     raise UnknownName("policy", text, shipped_policies(), "the path of an .onnx file or a checkpoint folder")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 import torch
 
 
@@ -14,3 +17,17 @@ def use_threads(count: int) -> None:
 
     torch.set_num_threads(count)
     numba.set_num_threads(min(count, config.NUMBA_NUM_THREADS))
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """`use_threads(1)` for a while: sums then do not depend on the number of cores."""
+    import numba
+
+    before = torch.get_num_threads(), numba.get_num_threads()
+    use_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before[0])
+        numba.set_num_threads(before[1])

@@ -1,16 +1,31 @@
 import json
+from dataclasses import replace
+from pathlib import Path
 
+import mujoco
 import pytest
 import torch
 
+import hotice.learn.evaluate as module
 from hotice.errors import CheckpointError, HoticeError, InvalidConfig
-from hotice.learn.evaluate import EvaluateConfig, SceneScore, evaluate, evaluation_task, score_scene
+from hotice.learn.evaluate import (
+    EvaluateConfig,
+    block_seed,
+    evaluate,
+    evaluation_task,
+    policy_digest,
+    score_block,
+)
 from hotice.learn.policy import load_policy
+from hotice.learn.trials import Trials
 from hotice.learn.wilson import wilson
 from hotice.model import Box, load_scene
+from hotice.model.builder import HIT_SENSORS
 from hotice.model.carry import solve_carry
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape, CylinderShape
+from hotice.sim.carry_bank import CarryBank
+from hotice.sim.env import TransportEnv
 
 REPORT = {"format", "policy", "seed", "rollouts", "success_rate", "mean_distance_m", "scenes"}
 ROW = {
@@ -67,39 +82,32 @@ def near(x):
     ],
 )
 def test_an_obstacle_in_the_way_is_a_collision(standing, states, position, shape, cause):
-    score = score_scene(standing, blocked(position, shape), states[:1], 4, 0, threads=1)
-    assert score.outcomes == {cause: 4} and score.successes == 0
-    assert all(1.8 < d < 2.2 for d in score.distances_m)
+    trials = score_block(standing, blocked(position, shape), states[:1], 4, 0, perturbed=False)
+    assert trials.outcomes == {cause: 4} and trials.successes == 0
+    assert all(1.8 < d < 2.2 for d in trials.distance_m)
 
 
 def test_an_obstacle_out_of_reach_is_none(standing, states):
-    score = score_scene(standing, blocked((1.0, 0.9, 0.5), BoxShape((0.1, 0.1, 1.0))), states[:1], 2, 0, threads=1)
-    assert not set(score.outcomes) & {"robot_collision", "object_collision"} and score.rollouts == 2
+    scene = blocked((1.0, 0.9, 0.5), BoxShape((0.1, 0.1, 1.0)))
+    trials = score_block(standing, scene, states[:1], 2, 0, perturbed=False)
+    assert not set(trials.outcomes) & {"robot_collision", "object_collision"} and trials.rollouts == 2
 
 
 def test_success_is_counted_once_a_trial_with_its_distance_and_time(standing, states):
-    score = score_scene(standing, near(0.04), states, 5, 0, batch=2, threads=1)
-    assert score.outcomes == {"success": 5} and score.rollouts == 5
-    assert all(0.0 < d < 0.1 for d in score.distances_m)
-    assert all(0.0 < t <= 0.04 + 1e-6 for t in score.times_s)
-
-
-def test_every_trial_is_counted_once_whatever_the_batch(standing, states):
-    for batch in (1, 3, 64):
-        score = score_scene(standing, near(0.04), states, 5, 0, batch=batch, threads=1)
-        assert score.rollouts == sum(score.outcomes.values()) == len(score.times_s) == 5
+    trials = score_block(standing, near(0.04), states, 5, 0)
+    assert trials.outcomes == {"success": 5} and trials.rollouts == len(trials.distance_m) == len(trials.time_s) == 5
+    assert all(0.0 < d < 0.1 for d in trials.distance_m)
+    assert all(0.0 < t <= 0.04 + 1e-6 for t in trials.time_s)
 
 
 def test_the_seed_decides(standing, states):
     scene = blocked((0.05, 0.31, 0.9), BoxShape((0.1, 0.3, 0.3)))
-    a, b, c = (score_scene(standing, scene, states, 4, seed, threads=1).distances_m for seed in (3, 3, 4))
+    a, b, c = (score_block(standing, scene, states, 4, seed).distance_m for seed in (3, 3, 4))
     assert a == b != c
 
 
 def test_objects_take_turns(standing, states, monkeypatch):
-    """Also over several batches."""
-    from hotice.learn import evaluate as module
-
+    """Also over several blocks."""
     seen = []
 
     class Watched(module.TransportEnv):
@@ -109,8 +117,55 @@ def test_objects_take_turns(standing, states, monkeypatch):
             return step
 
     monkeypatch.setattr(module, "TransportEnv", Watched)
-    score_scene(standing, near(0.04), states, 5, 0, batch=3, threads=1)
-    assert seen[0] == [0, 1, 0] and seen[-1] == [1, 0, 1]
+    score_block(standing, near(0.04), states, 3, 0)
+    score_block(standing, near(0.04), states, 2, 0, first=3)
+    assert seen[0] == [0, 1, 0] and seen[-1] == [1, 0]
+
+
+def test_a_contact_of_the_newest_state_is_a_hit(standing, states):
+    """The robot falls onto a low block: hits say at every step what a fresh look at the state says."""
+    scene = blocked((0.35, 0.0, 0.15), BoxShape((0.3, 0.6, 0.3)))
+    config = replace(evaluation_task(standing.meta["task"]), collisions=False, end_at_goal=False)
+    carry = CarryBank.of(states[:1], config.physics_dt_s, torch.device("cpu"), scene=scene)
+    env = TransportEnv(2, [scene], carry, config=config, threads=1)
+    env.reset()
+    env.physics.qvel[:, 0] = 1.0
+    model, found = carry.models[0], []
+    for _ in range(40):
+        env.physics.step(config.substeps)
+        for row in range(2):
+            data = mujoco.MjData(model)
+            data.qpos[:], data.ctrl[:] = env.physics.qpos[row].numpy(), env.physics.ctrl[row].numpy()
+            mujoco.mj_forward(model, data)
+            fresh = [bool(data.sensor(name).data[0] > 0) for name in HIT_SENSORS]
+            found += fresh
+            assert all(hit or not now for hit, now in zip(env.physics.hits[row].tolist(), fresh, strict=True))
+    assert any(found)
+
+
+def test_a_diverged_trial_counts_from_where_it_was(standing, states):
+    class Exploding(Standing):
+        steps = 0
+
+        def act(self, obs):
+            self.steps += 1
+            if self.steps == 3:
+                env.physics.qvel[1] = float("inf")
+            return super().act(obs)
+
+    class Seen(module.TransportEnv):
+        def __init__(self, *args, **kwargs):
+            nonlocal env
+            super().__init__(*args, **kwargs)
+            env = self
+
+    env = None
+    place = Scene("far", bounds_m=((-0.5, -1.0, 0.0), (4.5, 1.0, 1.5)), start=(2.0, 0.0, 0.0), goal=(2.5, 0.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "TransportEnv", Seen)
+        trials = score_block(Exploding(standing.meta), place, states, 2, 0, perturbed=False)
+    assert trials.outcome[1] == "unstable" and 0.4 < trials.distance_m[1] < 0.6
+    assert not Path("MUJOCO_LOG.TXT").exists()
 
 
 def test_the_papers_trial(standing):
@@ -127,19 +182,23 @@ def test_training_tolerances_do_not_soften_the_score(standing):
     assert evaluation_task(task) == evaluation_task(standing.meta["task"])
 
 
+def tiny_evaluation(policy, out, **changes):
+    near_scene, wall = Path("near.json"), Path("wall.json")
+    near(0.04).save(near_scene)
+    blocked((0.62, 0.0, 0.85), BoxShape((0.3, 0.3, 0.1))).save(wall)
+    given = dict(
+        policy=str(policy), scenes=(str(near_scene), str(wall)), rollouts=3, seed=5, out=out, objects=2, batch=2
+    )
+    return EvaluateConfig(**given | dict(threads=1) | changes)
+
+
 def test_report(onnx_file, tmp_path, capsys):
     out = tmp_path / "report.json"
-    config = EvaluateConfig(
-        policy=str(onnx_file), scenes=("open_floor", "pillars"), rollouts=3, seed=5, out=out, objects=2, threads=1
-    )
-    report = evaluate(config)
+    report = evaluate(tiny_evaluation(onnx_file, out))
     assert json.loads(out.read_text()) == report
-    assert (
-        REPORT <= set(report)
-        and report["format"] == "hotice-report/1"
-        and (report["seed"], report["rollouts"]) == (5, 3)
-    )
-    assert [r["name"] for r in report["scenes"]] == ["open_floor", "pillars"]
+    assert REPORT <= set(report) and report["format"] == "hotice-report/1" and report["perturbed"]
+    assert (report["seed"], report["rollouts"]) == (5, 3)
+    assert [r["name"] for r in report["scenes"]] == ["near", "blocked"]
     for row in report["scenes"]:
         assert ROW <= set(row) and row["rollouts"] == 3
         causes = sum(row[k] for k in (*(ROW - {"name", "rollouts", "success_rate", "mean_distance_m"}), "unstable"))
@@ -147,23 +206,90 @@ def test_report(onnx_file, tmp_path, capsys):
         assert causes + wins == 3
         assert row["success_interval_95"] == pytest.approx(wilson(wins, 3), abs=1e-4)
     rates = [r["success_rate"] for r in report["scenes"]]
-    assert report["success_rate"] == pytest.approx(sum(rates) / 2)
+    assert report["success_rate"] == pytest.approx(sum(rates) / 2) == 0.5
     assert report["mean_distance_m"] == pytest.approx(sum(r["mean_distance_m"] for r in report["scenes"]) / 2)
-    assert "open_floor" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "near" in printed and "noise" in printed
+    kept = json.loads((tmp_path / "report.json.trials" / "scene-001.json").read_text())
+    assert kept["name"] == "blocked" and kept["rollouts"] == 3 and set(kept["blocks"]) == {"0", "1"}
 
 
-def test_score_sums(states):
-    score = SceneScore("s", {"success": 1, "fall": 2}, [0.05, 1.0, 1.5], [2.0, 0.0, 0.0])
-    row = score.to_dict()
+def without_source(report):
+    return {k: v for k, v in report.items() if k != "source"}
+
+
+def test_an_interrupted_evaluation_goes_on_and_ends_the_same(onnx_file, tmp_path, monkeypatch, capfd):
+    whole = evaluate(tiny_evaluation(onnx_file, tmp_path / "whole.json"))
+    out, score, calls = tmp_path / "parts.json", module.score_block, []
+
+    def dying(*args, **kwargs):
+        calls.append(kwargs["first"])
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return score(*args, **kwargs)
+
+    monkeypatch.setattr(module, "score_block", dying)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(tiny_evaluation(onnx_file, out))
+    assert not out.exists()
+    assert without_source(evaluate(tiny_evaluation(onnx_file, out))) == without_source(whole)
+    assert len(calls) == 5 and "2 of 4 blocks" in capfd.readouterr().err
+
+
+def test_other_settings_start_anew(onnx_file, tmp_path, capfd):
+    out = tmp_path / "r.json"
+    evaluate(tiny_evaluation(onnx_file, out, rollouts=1))
+    capfd.readouterr()
+    other = evaluate(tiny_evaluation(onnx_file, out, rollouts=1, seed=6))
+    assert "another seed: starting anew" in capfd.readouterr().err
+    assert without_source(other) == without_source(
+        evaluate(tiny_evaluation(onnx_file, tmp_path / "s.json", rollouts=1, seed=6))
+    )
+
+
+@pytest.mark.slow
+def test_processes_change_nothing(onnx_file, tmp_path):
+    one = evaluate(tiny_evaluation(onnx_file, tmp_path / "one.json"))
+    two = evaluate(tiny_evaluation(onnx_file, tmp_path / "two.json", threads=2))
+    assert without_source(one) == without_source(two)
+    for name in ("scene-000.json", "scene-001.json"):
+        a, b = (json.loads((tmp_path / f"{run}.json.trials" / name).read_text()) for run in ("one", "two"))
+        assert a == b
+
+
+def test_the_digest_of_a_policy_tells_what_it_says_and_does(standing):
+    class Leaning(Standing):
+        def act(self, obs):
+            return torch.full((len(obs), 20), 0.1)
+
+    digests = {
+        policy_digest(p) for p in (standing, Leaning(standing.meta), Standing(standing.meta | {"preset": "dual_sgf"}))
+    }
+    assert len(digests) == 3 and policy_digest(standing) in digests
+
+
+def test_blocks_draw_their_own_random_numbers():
+    assert block_seed(3, 0) == 3
+    assert len({block_seed(seed, block) for seed in range(4) for block in range(1, 5)}) == 16
+
+
+def test_sums_of_trials():
+    trials = Trials.joined(
+        [
+            Trials(outcome=("success", "fall"), distance_m=(0.05, 1.0), time_s=(2.0, 1.0)),
+            Trials(outcome=("fall",), distance_m=(1.5,), time_s=(0.5,)),
+        ]
+    )
+    row = trials.summary()
     assert row["success_rate"] == pytest.approx(1 / 3) and row["mean_distance_m"] == pytest.approx(0.85)
     assert row["mean_success_time_s"] == 2.0 and row["falls"] == 2 and row["drops"] == 0
-    assert SceneScore("s").to_dict()["success_interval_95"] == [0.0, 1.0]
+    assert Trials().summary()["success_interval_95"] == [0.0, 1.0]
 
 
 def test_a_policy_of_another_layout_is_refused(onnx_file, states):
     policy = Standing(load_policy(onnx_file).meta | {"layout": [["gyro", 3]]})
     with pytest.raises(CheckpointError, match="the policy reads 3 numbers"):
-        score_scene(policy, load_scene("open_floor"), states, 1, 0, threads=1)
+        score_block(policy, load_scene("open_floor"), states, 1, 0)
 
 
 @pytest.mark.parametrize(
