@@ -148,7 +148,7 @@ def _reason(scene: Scene, envelope: Envelope, end: NDArray, found: LatticePath) 
     step = 0.2 if found.clearance[-1] >= MARGIN_M else 0.0
     ahead = math.atan2(scene.goal[1] - y, scene.goal[0] - x)
     blocks = [FEET, SHINS, *envelope.posture_blocks[found.node[-1, 3]].tolist()]
-    rows = np.concatenate([np.arange(envelope.first[b], envelope.first[b + 1]) for b in blocks])
+    rows = np.concatenate([np.arange(*envelope.first[b : b + 2].tolist()) for b in blocks])
     c, s = math.cos(yaw), math.sin(yaw)
     p_W = envelope.centre[rows] @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     p_W += [x + step * math.cos(ahead), y + step * math.sin(ahead), 0.0]
