@@ -31,6 +31,10 @@ class InvalidState(HoticeError):
     """A configuration of robot and object of the wrong size, not finite, or without the object that is asked about."""
 
 
+class UnreachableGoal(HoticeError):
+    """A scene in which no free path joins start and goal; says why."""
+
+
 class CarryInfeasible(HoticeError):
     """No carry state exists for this object and posture; says why."""
 

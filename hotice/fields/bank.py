@@ -5,17 +5,21 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from rich.progress import track
 from torch import Tensor
 
 from hotice.errors import InvalidConfig, UnknownName
+from hotice.fields import cache as cached
 from hotice.fields import sample, torch_sample
 from hotice.fields.hod_pf import check_margin
 from hotice.fields.potential import FieldParams
-from hotice.fields.volumes import Volumes, solve_scene, stack
+from hotice.fields.reachability import check_reachable, joins_start
+from hotice.fields.volumes import SceneNodes, Volumes, solve_scene, stack
 from hotice.model.scene import Scene
 
 FIELDS = ("sgf", "ogf")
@@ -57,24 +61,45 @@ class FieldBank:
     def build(
         cls, scenes: Sequence[Scene], resolution_m: float = 0.04, margin_m: float = 0.08,
         params: FieldParams | None = None, progress: bool = False, workers: int | None = None,
+        cache: Path | None = None,
     ) -> FieldBank:  # fmt: skip
-        """Solves every scene, `workers` at a time (default: 2, or 1 on one core).
+        """Solves every scene, `workers` at a time (default: one a core), with a progress bar when asked.
 
-        Raises `InvalidConfig` without scenes or for a resolution or margin outside the allowed range.
+        With `cache`, a folder (see `hotice.fields.cache.default_folder`), solved scenes are kept there, those found
+        there are not solved again, and the bank is mapped from there into memory.
+
+        Raises `InvalidConfig` without scenes or for a resolution or margin outside the allowed range, `UnreachableGoal`
+        for a scene without a way to its goal, `OutputError` for a cache that cannot be written.
         """
         scenes = list(scenes)
         if not scenes:
             raise InvalidConfig("no scenes: a field bank needs at least one")
         margin_m = check_margin(margin_m)
-        nodes = []
-        with ThreadPoolExecutor(workers or min(2, os.cpu_count() or 1)) as pool:
-            for solved in pool.map(lambda s: solve_scene(s, resolution_m, (0.0, margin_m)), scenes):
-                nodes.append(solved)
-                if progress:
-                    print(f"\rfields {len(nodes)}/{len(scenes)}", end="", flush=True)
-        if progress:
-            print()
-        return cls(scenes, stack(nodes), margin_m, params or FieldParams())
+        margins_m = (0.0, margin_m)
+        keys = [] if cache is None else [cached.scene_key(s, resolution_m, margins_m) for s in scenes]
+        volumes = None if cache is None else cached.open_bank(cache, keys)
+        if volumes is not None:
+            return cls(scenes, volumes, margin_m, params or FieldParams())
+
+        def solve(index: int) -> SceneNodes | None:
+            if cache is not None and cached.load(cache, keys[index]) is not None:
+                return None
+            nodes = solve_scene(scenes[index], resolution_m, margins_m)
+            if not all(joins_start(scenes[index], nodes.grid, reached) for reached in nodes.reached):
+                check_reachable(scenes[index], resolution_m, margin_m)
+            if cache is None:
+                return nodes
+            cached.save(cache, keys[index], nodes)
+            return None
+
+        pool = ThreadPoolExecutor(workers or os.cpu_count() or 1)
+        try:
+            work = pool.map(solve, range(len(scenes)))
+            nodes = list(track(work, "fields", len(scenes), disable=not progress))
+        finally:
+            pool.shutdown(cancel_futures=True)
+        volumes = cached.make_bank(cache, keys) if cache is not None else stack([n for n in nodes if n is not None])
+        return cls(scenes, volumes, margin_m, params or FieldParams())
 
     @property
     def num_scenes(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from hotice.errors import InvalidConfig
 from hotice.fields.grid import Grid
 from hotice.fields.potential import FieldParams, u_rep
+from hotice.fields.reachability import joins_start
 from hotice.fields.sample import sample_field
 from hotice.fields.volumes import Volumes, solve_scene, stack
 from hotice.model.scene import Scene
@@ -24,6 +26,10 @@ else:
     ArrayOrTensor = TypeVar("ArrayOrTensor")
 
 MAX_MARGIN_M = 1.0
+
+
+class UnreachableGoalWarning(UserWarning):
+    """Fields of a scene whose goal no free path reaches."""
 
 
 class GuidanceField:
@@ -144,10 +150,18 @@ def check_margin(margin_m: object) -> float:
 def build_hod_pf(
     scene: Scene, resolution_m: float = 0.04, margin_m: float = 0.08, params: FieldParams | None = None
 ) -> HodPf:
-    """Solves both fields of a scene. Raises `InvalidConfig` for a resolution or margin outside the allowed range."""
+    """Solves both fields of a scene.
+
+    Warns `UnreachableGoalWarning` when no free path leads to the goal; the fields are finite there all the same. Raises
+    `InvalidConfig` for a resolution or margin outside the allowed range.
+    """
     margin_m = check_margin(margin_m)
     params = params or FieldParams()
     nodes = solve_scene(scene, resolution_m, (0.0, margin_m), threads=2)
+    for margin, reached in zip((0.0, margin_m), nodes.reached, strict=True):
+        if not joins_start(scene, nodes.grid, reached):
+            message = f"scene {scene.name!r}: no path joins start and goal at margin {margin:g} m (see check_reachable)"
+            warnings.warn(message, UnreachableGoalWarning, stacklevel=2)
     volumes = stack([nodes])
     sgf, ogf = (GuidanceField(volumes, i, nodes.reached[i], margin, params) for i, margin in enumerate((0.0, margin_m)))
     return HodPf(scene, nodes.grid, sgf, ogf, margin_m, params)
