@@ -32,7 +32,7 @@ def scene_similarity(a: HodPf, b: HodPf, resolution_m: float | None = None) -> f
     `resolution_m`: of the comparison (default: the finer of the two, 0.04 m in the paper). Raises `InvalidConfig` when
     the bounds share no node or the resolution is out of range.
     """
-    p_W = _shared_nodes(a.scene, b.scene, min(a.grid.resolution_m, b.grid.resolution_m), resolution_m)
+    p_W = _nodes(_shared_box(a.scene, b.scene, min(a.grid.resolution_m, b.grid.resolution_m), resolution_m))
     cosines = [
         (_unit(x.sample(p_W)) * _unit(y.sample(p_W))).sum(axis=-1).mean() for x, y in ((a.sgf, b.sgf), (a.ogf, b.ogf))
     ]
@@ -45,29 +45,34 @@ def similarity_matrix(
 ) -> NDArray[np.float32]:  # fmt: skip
     """`scene_similarity` of every scene of `a` to every one of `b`, (A, B).
 
-    Scenes of equal bounds are compared together: each is sampled once and turned into unit vectors, chunk by chunk, and a
-    chunk's cosines are one matrix product in float32. `progress` is told the share that is done, in [0, 1].
+    All pairs that share the same nodes are compared together: each scene is sampled once and turned into unit vectors,
+    chunk by chunk, and a chunk's cosines are one matrix product in float32. `progress` is told the share that is done.
 
     Raises:
         InvalidConfig: an empty set, bounds that share no node, or a resolution out of range.
     """
     rows, columns = _members(a), _members(b)
+    pairs: dict[_Box, list[tuple[int, int]]] = {}
+    for i, one in enumerate(rows):
+        for j, other in enumerate(columns):
+            box = _shared_box(one.scene, other.scene, min(one.resolution_m, other.resolution_m), resolution_m)
+            pairs.setdefault(box, []).append((i, j))
     result = np.empty((len(rows), len(columns)), dtype=np.float32)
     done = 0
-    for mine in _groups(rows):
-        for theirs in _groups(columns):
-            one, other = rows[mine[0]], columns[theirs[0]]
-            p_W = _shared_nodes(one.scene, other.scene, min(one.resolution_m, other.resolution_m), resolution_m)
-            total = np.zeros((len(mine), len(theirs)))
-            for start in range(0, len(p_W), CHUNK_NODES):
-                part = p_W[start : start + CHUNK_NODES]
-                for field in FIELDS:
-                    total += _units(rows, mine, field, part) @ _units(columns, theirs, field, part).T
-                if progress is not None:
-                    share = min(start + CHUNK_NODES, len(p_W)) / len(p_W)
-                    progress((done + share * total.size) / result.size)
-            result[np.ix_(mine, theirs)] = total / (len(FIELDS) * len(p_W))
-            done += total.size
+    for box, members in pairs.items():
+        index = np.array(members).T
+        mine, theirs = (np.unique(side) for side in index)
+        p_W = _nodes(box)
+        total = np.zeros((len(mine), len(theirs)))
+        for start in range(0, len(p_W), CHUNK_NODES):
+            part = p_W[start : start + CHUNK_NODES]
+            for field in FIELDS:
+                total += _units(rows, mine, field, part) @ _units(columns, theirs, field, part).T
+            if progress is not None:
+                progress((done + len(members) * (start + len(part)) / len(p_W)) / result.size)
+        cosine = total / (len(FIELDS) * len(p_W))
+        result[index[0], index[1]] = cosine[np.searchsorted(mine, index[0]), np.searchsorted(theirs, index[1])]
+        done += len(members)
     return result
 
 
@@ -111,16 +116,12 @@ def _of_bank(bank: FieldBank, index: int) -> Callable[[str, NDArray[np.float32]]
     return sample
 
 
-def _groups(members: list[_Member]) -> list[list[int]]:
-    """Indices of the members, together where bounds and resolution are equal."""
-    groups: dict[object, list[int]] = {}
-    for i, member in enumerate(members):
-        groups.setdefault((member.scene.bounds_m, member.resolution_m), []).append(i)
-    return list(groups.values())
+_Box = tuple[tuple[float, ...], tuple[int, ...], float]
+"""Lowest corner [m], cells along each axis and their size [m]."""
 
 
-def _shared_nodes(a: Scene, b: Scene, finer_m: float, resolution_m: float | None) -> NDArray[np.float32]:
-    """Grid nodes (n, 3) in W of the box that both scenes' bounds share, at `resolution_m` or else `finer_m`."""
+def _shared_box(a: Scene, b: Scene, finer_m: float, resolution_m: float | None) -> _Box:
+    """What both scenes' bounds share, in cells of `resolution_m` or else `finer_m`."""
     h = finer_m if resolution_m is None else resolution_m
     if not 0.01 <= h <= 1.0:
         raise InvalidConfig(f"resolution_m is {h!r}: 0.01 to 1 m is needed to compare scenes")
@@ -129,11 +130,19 @@ def _shared_nodes(a: Scene, b: Scene, finer_m: float, resolution_m: float | None
     cells = np.floor((np.minimum(a_high, b_high) - low) / h + 0.5).astype(int)
     if cells.min() < 1:
         raise InvalidConfig(f"scenes {a.name!r} and {b.name!r} share no grid node at resolution {h} m")
+    return tuple(low.tolist()), tuple(cells.tolist()), h
+
+
+def _nodes(box: _Box) -> NDArray[np.float32]:
+    """Cell centres (n, 3) in W [m]."""
+    low, cells, h = box
     axes = [low[i] + (np.arange(cells[i]) + 0.5) * h for i in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float32)
 
 
-def _units(members: list[_Member], which: list[int], field: str, p_W: NDArray[np.float32]) -> NDArray[np.float32]:
+def _units(
+    members: list[_Member], which: NDArray[np.int64], field: str, p_W: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """Unit vectors of one field of some members at p_W (n, 3), (members, 3 n)."""
     return np.stack([_unit(members[i].sample(field, p_W)).reshape(-1) for i in which])
 
