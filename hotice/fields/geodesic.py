@@ -18,8 +18,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.fields.bends import WIDTH, reach, source
 from hotice.fields.solids import BLOCK, Space, distance_bound, distance_within
-from hotice.fields.strings import DEPTH_PER_M, distance, pull, trace
+from hotice.fields.strings import DEPTH_PER_M, distance, join, pull, trace
 
 _FREE_M = 1e-6
 """Nodes closer to an obstacle than this count as inside."""
@@ -61,12 +62,13 @@ def _march(space, margin, goal, start):
     """`solve_geodesic` from a free point `goal` that lies `start` from the true one."""
     size = len(space.sdf)
     dist = np.full(size, np.inf)
-    bend = np.zeros((size, 4))
+    bend = np.zeros((size, WIDTH))
+    first = source(goal, start)
     known = _visible(space, margin, goal)
     for node in range(size):
         if known[node]:
             dist[node] = start + distance(goal, _position(space, node))
-            bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = goal[0], goal[1], goal[2], start
+            _set(bend, node, first)
     heap = np.empty(size, np.int64)
     slot = np.full(size, -1, np.int64)
     certain = np.zeros(size, np.bool_)
@@ -188,7 +190,7 @@ def _spread(space, margin, node, dist, bend, certain, known, heap, slot, count):
         other = _neighbour(space, node, side)
         if other < 0 or known[other] or space.sdf[other] - margin <= _FREE_M:
             continue
-        least = bend[node, 3] + distance(bend[node], _position(space, other))
+        least, _ = reach(bend[node], _position(space, other))
         if least < dist[other] - slack:
             dist[other] = least
             certain[other] = False
@@ -213,33 +215,48 @@ def _evaluate(space, margin, node, dist, bend, known):
     for side in range(6):
         other = _neighbour(space, node, side)
         if other >= 0 and known[other]:
-            near[side] = bend[other, 3] + distance(bend[other], x)
+            near[side], _ = reach(bend[other], x)
     best, step = np.inf, np.inf
     while near.min() < min(best, step) - slack:
         side = near.argmin()
-        value, other = near[side], _neighbour(space, node, side)
+        other = _neighbour(space, node, side)
+        hidden[side] = near[side]
         near[side] = np.inf
-        y = _position(space, other)
-        if trace(space, margin, (bend[other, 0], bend[other, 1], bend[other, 2]), x)[0]:
+        value, row = join(space, margin, _get(bend, other), x, best)
+        if value < np.inf:
             best = value
-            bend[node] = bend[other]
-        elif space.sdf[node] + space.sdf[other] - 2.0 * margin >= h or trace(space, margin, y, x)[0]:
-            hidden[side] = value
-            if dist[other] + h < min(best, step):
-                step = dist[other] + h
-                bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = y[0], y[1], y[2], dist[other]
-    tried = 0
-    while hidden.min() < best - slack and (tried == 0 or best == np.inf):
+            _set(bend, node, row)
+            hidden[side] = np.inf
+            continue
+        y = _position(space, other)
+        if space.sdf[node] + space.sdf[other] - 2.0 * margin < h and not trace(space, margin, y, x)[0]:
+            hidden[side] = np.inf
+        elif dist[other] + h < min(best, step):
+            step = dist[other] + h
+            _set(bend, node, source(y, dist[other]))
+    tried = False
+    while hidden.min() < best - slack and not (tried and best < np.inf):
         side = hidden.argmin()
         other = _neighbour(space, node, side)
         hidden[side] = np.inf
-        a, y = (bend[other, 0], bend[other, 1], bend[other, 2]), _position(space, other)
-        value, b, d = pull(space, margin, a, bend[other, 3], y, x, min(best, step))
+        tried = True
+        value, row = pull(space, margin, _get(bend, other), _position(space, other), x, min(best, step))
         if value < best:
             best = value
-            bend[node, 0], bend[node, 1], bend[node, 2], bend[node, 3] = b[0], b[1], b[2], d
-        tried += 1
+            _set(bend, node, row)
     return min(best, step)
+
+
+@numba.njit(cache=True, inline="always")
+def _get(bend, n):
+    b = bend[n]
+    return (b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10])
+
+
+@numba.njit(cache=True, inline="always")
+def _set(bend, n, row):
+    for i in range(WIDTH):
+        bend[n, i] = row[i]
 
 
 @numba.njit(cache=True)

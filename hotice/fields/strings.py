@@ -11,16 +11,17 @@ import math
 
 import numba
 
+from hotice.fields.bends import extend, moved, on_edge, reach
 from hotice.fields.solids import distance_bound, distance_within, normal_within
 
 DEPTH_PER_M = 0.25
-_STEP = 0.05
-"""Least step of a trace in cells."""
+STEP_PER_M = 1.0
+"""Least step of a trace over h^2 [1/m]."""
 _NEAR = 0.15
 """Bounds below this many cells are replaced by exact distances."""
 _TURN = -0.2
 """Least cosine between the normals at the ends of a step in touch with a wall."""
-_MAX_STEPS = 300
+_MAX_STEPS = 1000
 _HALVINGS = 7
 _MAX_BENDS = 12
 
@@ -42,7 +43,7 @@ def trace(space, margin, a, b):
     ux, uy, uz = ux / length, uy / length, uz / length
     sdf, h = space.sdf, space.h
     ox, oy, oz, nx, ny, nz = space.ox, space.oy, space.oz, space.nx, space.ny, space.nz
-    least, near, deepest = _STEP * h, _NEAR * h, -DEPTH_PER_M * h * h
+    least, near, deepest = STEP_PER_M * h * h, _NEAR * h, -DEPTH_PER_M * h * h
     t, at, lowest, last = 0.0, 0.0, math.inf, -math.inf
     thin = space.thinnest + 2.0 * margin < 4.0 * least
     touching = False
@@ -99,20 +100,30 @@ def graze(space, margin, a, y, x):
 
 
 @numba.njit(cache=True, nogil=True)
-def pull(space, margin, a, d, y, x, best):
-    """(value, b, d_b) of the string from a, which lies d from the goal, past bends near y-x to x.
+def join(space, margin, row, x, best):
+    """(value, row) of the path over the bend of `row` straight to x: inf when a wall hides it or best is shorter."""
+    value, b = reach(row, x)
+    if value >= best:
+        return math.inf, row
+    if on_edge(space, margin, row, b) and trace(space, margin, b, x)[0]:
+        return value, moved(row, b)
+    return math.inf, row
 
-    b is its last bend, d_b that point's distance to the goal; value is inf when none shorter than `best` is found.
+
+@numba.njit(cache=True, nogil=True)
+def pull(space, margin, row, y, x, best):
+    """(value, row) of the string over the bend of `row`, which y sees, past further bends near y-x to x.
+
+    The value is inf when none shorter than `best` is found.
     """
     for _ in range(_MAX_BENDS):
-        found, b = graze(space, margin, a, y, x)
+        found, b = graze(space, margin, (row[0], row[1], row[2]), y, x)
         if not found:
             break
-        d += distance(a, b)
-        value = d + distance(b, x)
-        if value >= best:
+        row = extend(space, margin, row, b, x)
+        if reach(row, x)[0] >= best:
             break
-        if trace(space, margin, b, x)[0]:
-            return value, b, d
-        a = b
-    return math.inf, a, d
+        value, slid = join(space, margin, row, x, best)
+        if value < math.inf:
+            return value, slid
+    return math.inf, row

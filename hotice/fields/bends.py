@@ -1,0 +1,111 @@
+"""Where a shortest path last bends, in compiled code, as a row of 11 numbers: b (3), o (3), e (3), L, d.
+
+The path comes from a point o, d from the goal, over edges that all run along the unit vector e and bends last at b, L
+from o when measured across e. Such a path unfolds to a straight line (Keller's law: it crosses all edges at one angle),
+so a point x that lies r from the last edge is d + hypot(L + r, (x - o).e) from the goal, and the bend slides along the
+edge to suit x. The goal itself, and any bend without an edge, is a row with e = 0, L = 0 and o = b.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+from hotice.fields.solids import distance_within, normal_within
+
+WIDTH = 11
+_PARALLEL = 0.9995
+_LEAST_TURN = 0.005
+"""Sine of the angle between the normals on both sides of a bend, below which it counts as no edge."""
+
+
+@numba.njit(cache=True, inline="always")
+def source(p, d):
+    """The row of a point that lies d from the goal."""
+    return (p[0], p[1], p[2], p[0], p[1], p[2], 0.0, 0.0, 0.0, 0.0, d)
+
+
+@numba.njit(cache=True, nogil=True)
+def reach(row, x):
+    """(value, b): length of the path over the bend to x, and where it bends for x."""
+    rx, ry, rz = x[0] - row[0], x[1] - row[1], x[2] - row[2]
+    ex, ey, ez = row[6], row[7], row[8]
+    along = rx * ex + ry * ey + rz * ez
+    rx, ry, rz = rx - along * ex, ry - along * ey, rz - along * ez
+    r = math.sqrt(rx * rx + ry * ry + rz * rz)
+    t = (x[0] - row[3]) * ex + (x[1] - row[4]) * ey + (x[2] - row[5]) * ez
+    flat = row[9] + r
+    shift = along - (t * r / flat if flat > 0.0 else 0.0)
+    return row[10] + math.sqrt(flat * flat + t * t), (row[0] + shift * ex, row[1] + shift * ey, row[2] + shift * ez)
+
+
+@numba.njit(cache=True, inline="always")
+def moved(row, b):
+    """The row with its bend at another point of the edge."""
+    return (b[0], b[1], b[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10])
+
+
+@numba.njit(cache=True, nogil=True)
+def on_edge(space, margin, row, b):
+    """Whether the bend may slide to b: it lies on the inflated obstacles still."""
+    if row[9] == 0.0:
+        return True
+    return abs(distance_within(space, b[0], b[1], b[2]) - margin) < 0.05 * space.h
+
+
+@numba.njit(cache=True, nogil=True)
+def extend(space, margin, row, b, x):
+    """The row of a path that bends at row's bend, then at b, and goes on towards x."""
+    a = (row[0], row[1], row[2])
+    value, _ = reach(row, b)
+    ax, ay, az = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    ex, ey, ez = _edge(space, a, b, x)
+    if ex == 0.0 and ey == 0.0 and ez == 0.0:
+        return source(b, value)
+    cosine = ex * row[6] + ey * row[7] + ez * row[8]
+    if abs(cosine) > _PARALLEL:
+        ex, ey, ez = row[6], row[7], row[8]
+        o, d, before = (row[3], row[4], row[5]), row[10], row[9]
+    else:
+        o, before = a, 0.0
+        d, _ = reach(row, a)
+    along = ax * ex + ay * ey + az * ez
+    flat = before + math.sqrt(max(ax * ax + ay * ay + az * az - along * along, 0.0))
+    return (b[0], b[1], b[2], o[0], o[1], o[2], ex, ey, ez, flat, d)
+
+
+@numba.njit(cache=True, nogil=True)
+def _edge(space, a, b, x):
+    """Unit vector along the edge on which the string a-b-x bends, 0 where the wall is smooth.
+
+    Normals about an edge are at right angles to it. One is taken on the convex side of the bend, the other towards a or
+    x, whichever differs more.
+    """
+    u, v = _towards(a, b), _towards(b, x)
+    w = _towards(v, u)
+    k = _normal(space, b, w)
+    best, edge = _LEAST_TURN, (0.0, 0.0, 0.0)
+    for side in range(2):
+        n = _normal(space, b, v if side else (-u[0], -u[1], -u[2]))
+        ex, ey, ez = k[1] * n[2] - k[2] * n[1], k[2] * n[0] - k[0] * n[2], k[0] * n[1] - k[1] * n[0]
+        turn = math.sqrt(ex * ex + ey * ey + ez * ez)
+        if turn > best:
+            best, edge = turn, (ex / turn, ey / turn, ez / turn)
+    return edge
+
+
+@numba.njit(cache=True, inline="always")
+def _towards(a, b):
+    """Unit vector from a to b."""
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    size = max(math.sqrt(x * x + y * y + z * z), 1e-12)
+    return x / size, y / size, z / size
+
+
+@numba.njit(cache=True, nogil=True)
+def _normal(space, b, u):
+    """Normal at a tenth of a cell from b along u."""
+    f = 0.1 * space.h
+    x, y, z = b[0] + f * u[0], b[1] + f * u[1], b[2] + f * u[2]
+    return normal_within(space, x, y, z, distance_within(space, x, y, z))
