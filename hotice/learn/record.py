@@ -12,6 +12,7 @@ from hotice.errors import InvalidConfig
 from hotice.fields.bank import FieldBank
 from hotice.learn.evaluate import evaluation_task
 from hotice.learn.policy import Policy, check_layout
+from hotice.learn.trials import CAUSES
 from hotice.model.carry import CarryState
 from hotice.model.scene import Scene
 from hotice.replay import RolloutRecord
@@ -37,17 +38,21 @@ class _Frames:
 
 
 def record_rollouts(
-    policy: Policy, scene: Scene, states: Sequence[CarryState], *, seed: int = 0, after_s: float = 0.0, threads: int = 0
-) -> list[RolloutRecord]:
+    policy: Policy, scene: Scene, states: Sequence[CarryState], *, seed: int = 0, after_s: float = 0.0, threads: int = 0,
+    perturbed: bool = False,
+) -> list[RolloutRecord]:  # fmt: skip
     """One rollout for each carry state, scored as in evaluation and recorded until `after_s` past its end.
 
     Raises `InvalidConfig` without states, `CheckpointError` for a policy of another observation.
     """
     if not states:
         raise InvalidConfig("no carry states: at least one object is needed")
-    config = replace(evaluation_task(policy.meta["task"]), end_at_goal=False, collisions=False)
+    task = evaluation_task(policy.meta["task"], perturbed=perturbed)
+    config = replace(task, end_at_goal=False, collisions=False)
     bank = FieldBank.build([scene], config.resolution_m, config.margin_m)
-    carry = CarryBank.of(states, config.physics_dt_s, torch.device("cpu"), scene=scene)
+    carry = CarryBank.of(
+        states, config.physics_dt_s, torch.device("cpu"), scene=scene, dynamics=config.dynamics, seed=seed
+    )
     env = TransportEnv(len(states), bank, carry, policy.meta["preset"], seed=seed, config=config, threads=threads)
     check_layout(policy, env.policy_table.layout())
     obs, _ = env.reset()
@@ -90,3 +95,9 @@ def _record(
         arrow_force_W=np.stack([f[i] for f in frames.forces[: len(qpos)]]),
         arrow_is_ogf=np.arange(NUM_SGF + 10) >= NUM_SGF,
     )  # fmt: skip
+
+
+def failures_first(records: Sequence[RolloutRecord]) -> list[RolloutRecord]:
+    """Sorted by outcome, in the order of `CAUSES`, successes last; the order within an outcome stays."""
+    order = {cause: rank for rank, cause in enumerate(CAUSES)}
+    return sorted(records, key=lambda record: order.get(record.outcome, len(CAUSES)))

@@ -97,7 +97,7 @@ def film_strip(
     for axes in cells:
         axes.set_axis_off()
     for axes, frame in zip(cells, chosen, strict=False):
-        _draw_frame(axes, record, int(frame), np.radians(azimuth_deg), np.radians(elevation_deg), arrows)
+        draw_frame(axes, record, int(frame), np.radians(azimuth_deg), np.radians(elevation_deg), arrows)
         axes.set_title(f"{time[frame]:.2f} s", fontsize=10)
     figure.suptitle(f"{record.scene.name}: {record.outcome.replace('_', ' ')} ({record.policy})", fontsize=12)
     return write_bytes(path, _png(figure))
@@ -192,8 +192,8 @@ def _legend(figure: Figure) -> None:
 # ---- film strip ------------------------------------------------------------------------------------------------------
 
 
-def _draw_frame(axes: Axes, record: RolloutRecord, frame: int, azimuth: float, elevation: float, arrows: bool) -> None:
-    """One perspective view: triangles are shaded, sorted by distance and painted far to near."""
+def draw_frame(axes: Axes, record: RolloutRecord, frame: int, azimuth: float, elevation: float, arrows: bool) -> None:
+    """One perspective view: triangles are shaded, sorted by distance and painted far to near; angles [rad]."""
     look_at = np.array([*record.root_pos_W[frame, :2], 0.66]) + [0.1, 0.0, 0.0]
     back = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     eye = look_at + 3.2 * back
