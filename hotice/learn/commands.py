@@ -36,12 +36,22 @@ class PlayConfig:
     """Scene names, files or folders."""
     out: Path = Path("replay.html")
     """Replay page; a picture `.png` of the same name is written beside it."""
+    video: Path | None = None
+    """Film (.mp4) of one rollout; needs imageio-ffmpeg."""
+    video_of: int = 1
+    """Which rollout is filmed, by its number in the printed list."""
     rollouts: int = 2
     """Rollouts a scene, each with another object."""
     seed: int = 0
     """Seed of objects and starts."""
+    perturbed: bool = True
+    """Noise, delays, pushes and uncertain dynamics as in evaluation."""
+    failures_first: bool = True
+    """Lists failures before successes, by cause; otherwise scene by scene."""
 
     def __post_init__(self) -> None:
+        if self.video_of < 1:
+            raise InvalidConfig(f"video_of is {self.video_of!r}: the list begins with 1")
         if not 1 <= self.rollouts <= 100:
             raise InvalidConfig(f"rollouts is {self.rollouts!r}: 1 to 100 are allowed")
         if not 0 <= self.seed < 2**63:
@@ -91,26 +101,10 @@ def export(config: Flat[ExportConfig]) -> int:
 
 
 def play(config: Flat[PlayConfig]) -> int:
-    """Run a policy and write a replay page and a picture."""
-    import torch
+    """Run a policy and write a replay page, a picture and, if asked for, a film."""
+    from hotice.learn.play import play as run
 
-    from hotice.learn.evaluate import check_writable
-    from hotice.learn.policy import load_policy
-    from hotice.learn.record import record_rollouts
-    from hotice.learn.scene_sets import resolve_scenes
-    from hotice.model.object_range import ObjectRange
-    from hotice.replay import write_html, write_overview
-    from hotice.sim.carry_bank import CarryBank
-
-    check_writable(config.out)
-    policy = load_policy(config.policy)
-    scenes = resolve_scenes(config.scenes)
-    states = CarryBank.sample(ObjectRange(), config.rollouts, config.seed, 0.005, torch.device("cpu")).states
-    records = [r for scene in scenes for r in record_rollouts(policy, scene, states, seed=config.seed)]
-    for record in records:
-        print(f"{record.scene.name}: {record.outcome} after {record.time_s[-1]:.1f} s")
-    print(write_html(records, config.out))
-    print(write_overview(records, config.out.with_suffix(".png")))
+    run(config)
     return 0
 
 
