@@ -106,7 +106,7 @@ def sampling(table: Table) -> bool:
 
 
 def storing(table: Table, scenes: int, folder: Path) -> bool:
-    chosen = family_from_text(f"family:mixed:{scenes}")
+    chosen = family_from_text(f"mixed:{scenes}")
 
     def build() -> FieldBank:
         return FieldBank.build(chosen, H, MARGIN_M, progress=True, cache=folder)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,10 @@ from hotice.model.shapes import MAX_LENGTH_M
 
 MAX_FACES = 200_000
 MAX_MESH_BYTES = 128 * 2**20
+
+
+class MeshRepaired(UserWarning):
+    """A mesh file that could be used only after a repair; says which."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +48,10 @@ class TriangleMesh:
 
 
 def load_mesh(path: Path, scale: float) -> TriangleMesh:
-    """A watertight mesh from file, scaled. Raises `InvalidScene` when it cannot be read, is too large or has holes."""
+    """A watertight mesh from file, scaled; small faults are repaired with a `MeshRepaired` warning.
+
+    Raises `InvalidScene` when it cannot be read or repaired, is too large or encloses nothing.
+    """
     try:
         stat = path.stat()
     except OSError as error:
@@ -57,7 +66,7 @@ def _load(path: Path, scale: float, _mtime: int, _size: int) -> TriangleMesh:
     import trimesh
 
     try:
-        mesh = trimesh.load_mesh(str(path), process=True, skip_materials=True)
+        mesh = trimesh.load_mesh(str(path), process=False, skip_materials=True)
         if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
             raise ValueError("it holds no triangles")
     except Exception as error:  # any parser failure on an untrusted file is the file's
@@ -65,12 +74,42 @@ def _load(path: Path, scale: float, _mtime: int, _size: int) -> TriangleMesh:
         raise InvalidScene(f"mesh file {path} cannot be read: {reason}") from None
     if len(mesh.faces) > MAX_FACES:
         raise InvalidScene(f"mesh file {path} has {len(mesh.faces):,} faces: decimate it to {MAX_FACES:,} at most")
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    mesh.update_faces(mesh.nondegenerate_faces())
-    if not np.isfinite(mesh.vertices).all() or not mesh.is_watertight:
-        raise InvalidScene(f"mesh file {path} is not watertight: close its holes (distance needs an inside)")
-    if not mesh.is_winding_consistent:
-        raise InvalidScene(f"mesh file {path} has faces that disagree on the outside: orient them consistently")
+    if not np.isfinite(mesh.vertices).all():
+        raise InvalidScene(f"mesh file {path} has vertices that are not finite numbers: export it again")
     if np.abs(mesh.vertices).max() * scale > MAX_LENGTH_M:
         raise InvalidScene(f"mesh file {path} reaches beyond {MAX_LENGTH_M:g} m: check its unit and scale")
+    done = _repair(path, mesh)
+    if done:
+        warnings.warn(f"mesh file {path} was repaired: {', '.join(done)}", MeshRepaired, stacklevel=2)
     return TriangleMesh(np.array(mesh.vertices, dtype=np.float64) * scale, np.array(mesh.faces, dtype=np.int64))
+
+
+def _repair(path: Path, mesh: Any) -> list[str]:
+    """Makes a trimesh watertight with faces that face outwards, in place; returns what was done beyond merging.
+
+    Self-intersections stay: the winding number counts their overlaps as inside. Raises `InvalidScene`.
+    """
+    import trimesh
+
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
+    if len(mesh.faces) == 0 or mesh.area == 0.0:
+        raise InvalidScene(f"mesh file {path} has no area: all its triangles are degenerate")
+    done = []
+    if not mesh.is_watertight:
+        before = len(mesh.faces)
+        trimesh.repair.fill_holes(mesh)
+        done.append(f"{len(mesh.faces) - before} faces fill its holes")
+    if not mesh.is_watertight:
+        raise InvalidScene(f"mesh file {path} is not watertight: close its holes (distance needs an inside)")
+    if not mesh.is_winding_consistent:
+        trimesh.repair.fix_winding(mesh)
+        done.append("faces were turned to agree on the outside")
+    if not mesh.is_winding_consistent:
+        raise InvalidScene(f"mesh file {path} has faces that cannot agree on the outside: is it a Moebius strip?")
+    if mesh.volume < 0.0:
+        mesh.invert()
+        done.append("it was turned inside out")
+    if abs(mesh.volume) <= 1e-9 * float(np.prod(mesh.extents)) or not mesh.extents.min() > 0.0:
+        raise InvalidScene(f"mesh file {path} encloses no volume: give it a thickness")
+    return done

@@ -292,9 +292,9 @@ def test_mesh_files_stay_in_the_folder(tmp_path):
 def test_bad_meshes(tmp_path):
     import trimesh
 
-    box = trimesh.creation.box((1, 1, 1))
-    box.update_faces(np.arange(11))
-    box.export(tmp_path / "open.obj")
+    half = trimesh.creation.icosphere()
+    half.update_faces(half.triangles_center[:, 2] > 0)
+    half.export(tmp_path / "open.obj")
     (tmp_path / "text.obj").write_text("this is no mesh")
     (tmp_path / "binary.stl").write_bytes(b"\x00" * 50)
     (tmp_path / "empty.ply").write_bytes(b"")
