@@ -217,20 +217,22 @@ def _verdict(scene: Scene) -> tuple[list[str], bool]:
     """Columns after the name, and whether all is well."""
     import numpy as np
 
+    from hotice.errors import UnreachableGoal
     from hotice.fields import build_hod_pf
+    from hotice.fields.reachability import check_reachable
     from hotice.model.generate.traversable import check_traversable
     from hotice.model.scene import GOAL_HEIGHT_M
 
     counts = Counter(o.category[0] for o in scene.obstacles)
     obstacles = " ".join(f"{counts[kind]}{kind}" for kind in "gso" if counts[kind]) or "none"
-    field = build_hod_pf(scene)
+    try:
+        check_reachable(scene)
+    except UnreachableGoal as error:
+        return [obstacles, "", "", str(error)], False
     pelvis = np.array([*scene.start[:2], GOAL_HEIGHT_M])
-    lengths = [float(part.geodesic_distance(pelvis)) for part in (field.sgf, field.ogf)]
-    if not np.isfinite(lengths).all():
-        which = "SGF" if not np.isfinite(lengths[0]) else f"OGF (margin {field.margin_m:g} m)"
-        return [obstacles, "", "", f"the goal is not reachable in the {which}"], False
+    length = float(build_hod_pf(scene).sgf.extended_geodesic_distance(pelvis))
     traversal = check_traversable(scene)
-    row = [obstacles, f"{lengths[0]:.2f}", f"{traversal.clearance_m:.2f}", "ok" if traversal.ok else traversal.reason]
+    row = [obstacles, f"{length:.2f}", f"{traversal.clearance_m:.2f}", "ok" if traversal.ok else traversal.reason]
     return row, traversal.ok
 
 

@@ -31,8 +31,8 @@ class CarryBank:
     qpos: Tensor  # (M, 34)
     target: Tensor  # (M, 20)
     joint_offset: Tensor  # (M, 20) error of the encoders
-    cover_centre: Tensor  # (M, 99, 3)
-    cover_radius: Tensor  # (M, 99)
+    cover_centre: Tensor  # (M, OBJECT_SPHERES, 3)
+    cover_radius: Tensor  # (M, OBJECT_SPHERES)
     grasp: Grasp
 
     @classmethod

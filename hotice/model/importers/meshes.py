@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
+from hotice.model.obj_text import absolute_indices
 
 Points = NDArray[np.float64]
 MESH_SUFFIXES = (".glb", ".obj", ".off", ".ply", ".stl")
@@ -30,6 +31,7 @@ def read_triangles(content: bytes, suffix: str) -> NDArray[np.float64]:
     import trimesh
 
     try:
+        content = absolute_indices(content) if suffix == ".obj" else content
         scene = trimesh.load_scene(
             io.BytesIO(content), file_type=suffix.removeprefix("."), process=False, skip_materials=True
         )
