@@ -11,9 +11,13 @@ from hotice.errors import InvalidConfig
 from hotice.learn.benchmark import BenchmarkConfig
 from hotice.learn.config import TrainConfig
 from hotice.learn.evaluate import EvaluateConfig
+from hotice.learn.pipeline import PipelineConfig
 from hotice.learn.student_config import DistillConfig, FinetuneConfig
 
 Flat = tyro.conf.OmitArgPrefixes
+
+STOPPED = 75
+"""Exit status of a run that was asked to stop and has saved: to be gone on with (EX_TEMPFAIL of sysexits.h)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,24 +66,28 @@ def train(config: Flat[TrainConfig]) -> int:
     """Train the agents of a preset with dual PPO."""
     from hotice.learn.runner import Runner
 
-    Runner(config).train()
-    return 0
+    return 0 if Runner(config).train() else STOPPED
 
 
 def distill(config: Flat[DistillConfig]) -> int:
     """Make one student of several teachers (DAgger), under noise, delays and pushes."""
     from hotice.learn.dagger import DistillRunner
 
-    DistillRunner(config).train()
-    return 0
+    return 0 if DistillRunner(config).train() else STOPPED
 
 
 def finetune(config: Flat[FinetuneConfig]) -> int:
     """Go on from a student with dual PPO, under noise, delays and pushes."""
     from hotice.learn.runner import Runner
 
-    Runner(config).train()
-    return 0
+    return 0 if Runner(config).train() else STOPPED
+
+
+def pipeline(config: Flat[PipelineConfig]) -> int:
+    """Run a graph of jobs: teachers, student, fine-tuning, evaluation, export."""
+    from hotice.learn.pipeline import run_pipeline
+
+    return 0 if run_pipeline(config) else STOPPED
 
 
 def evaluate(config: Flat[EvaluateConfig]) -> int:
@@ -130,6 +138,6 @@ def scene() -> int:
 
 
 COMMANDS = {
-    "train": train, "distill": distill, "finetune": finetune, "evaluate": evaluate, "export": export, "play": play,
-    "tables": tables, "benchmark": benchmark, "scene": scene,
+    "train": train, "distill": distill, "finetune": finetune, "pipeline": pipeline, "evaluate": evaluate, "export": export,
+    "play": play, "tables": tables, "benchmark": benchmark, "scene": scene,
 }  # fmt: skip

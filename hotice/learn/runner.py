@@ -78,8 +78,8 @@ class Runner:
     def _make_learner(self, generator: torch.Generator) -> Learner:
         return DualPpo(self.net, self.config.ppo, self.env.policy_table.mirror, mirror_action, generator)
 
-    def train(self) -> None:
-        """Runs until the limit of updates or minutes; saves at the end, also when interrupted."""
+    def train(self) -> bool:
+        """Runs until the limit of updates or minutes; saves at the end, also when interrupted: then False."""
         cfg = self.config
         begin, minutes_before = time.monotonic(), self.minutes
         write_config(cfg)
@@ -95,6 +95,7 @@ class Runner:
             if stopped.is_set():
                 progress.note("asked to stop: saving")
         self.save()
+        return not stopped.is_set()
 
     def learn_once(self) -> dict[str, float]:
         """One rollout and one update."""
