@@ -12,6 +12,7 @@ from hotice.learn.benchmark import BenchmarkConfig
 from hotice.learn.config import TrainConfig
 from hotice.learn.evaluate import EvaluateConfig
 from hotice.learn.pipeline import PipelineConfig
+from hotice.learn.reproduce import ReproduceConfig
 from hotice.learn.student_config import DistillConfig, FinetuneConfig
 
 Flat = tyro.conf.OmitArgPrefixes
@@ -98,6 +99,14 @@ def evaluate(config: Flat[EvaluateConfig]) -> int:
     return 0
 
 
+def reproduce(config: Flat[ReproduceConfig]) -> int:
+    """Make the paper's tables, and its figure of unseen scenes, from given or newly trained policies."""
+    from hotice.learn.reproduce import reproduce as run
+
+    run(config)
+    return 0
+
+
 def export(config: Flat[ExportConfig]) -> int:
     """Write a policy as one ONNX file."""
     from hotice.learn.evaluate import check_writable
@@ -138,6 +147,6 @@ def scene() -> int:
 
 
 COMMANDS = {
-    "train": train, "distill": distill, "finetune": finetune, "pipeline": pipeline, "evaluate": evaluate, "export": export,
+    "train": train, "distill": distill, "finetune": finetune, "pipeline": pipeline, "evaluate": evaluate, "reproduce": reproduce, "export": export,
     "play": play, "tables": tables, "benchmark": benchmark, "scene": scene,
 }  # fmt: skip
