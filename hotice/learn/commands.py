@@ -147,6 +147,6 @@ def scene() -> int:
 
 
 COMMANDS = {
-    "train": train, "distill": distill, "finetune": finetune, "pipeline": pipeline, "evaluate": evaluate, "reproduce": reproduce, "export": export,
-    "play": play, "tables": tables, "benchmark": benchmark, "scene": scene,
+    "train": train, "distill": distill, "finetune": finetune, "pipeline": pipeline, "evaluate": evaluate,
+    "reproduce": reproduce, "export": export, "play": play, "tables": tables, "benchmark": benchmark, "scene": scene,
 }  # fmt: skip
