@@ -99,8 +99,11 @@ def _thickness(shape: Any) -> float:
 
 
 @numba.njit(cache=True, inline="always")
-def solid_distance(solid, triangles, nodes, n, x, y, z):
-    """Exact signed distance of a point in W to obstacle n."""
+def solid_distance(solid, triangles, nodes, n, x, y, z, bound, outside):
+    """Exact signed distance of a point in W to obstacle n; of a mesh, `bound` when it is farther than that.
+
+    `outside`: the point is known to lie outside, which spares a mesh the question.
+    """
     x, y, z = x - solid[n, 13], y - solid[n, 14], z - solid[n, 15]
     bx = solid[n, 4] * x + solid[n, 7] * y + solid[n, 10] * z
     by = solid[n, 5] * x + solid[n, 8] * y + solid[n, 11] * z
@@ -120,7 +123,9 @@ def solid_distance(solid, triangles, nodes, n, x, y, z):
         radial, axial = max(radial, 0.0), max(axial, 0.0)
         d = most if most <= 0.0 else math.sqrt(radial * radial + axial * axial)
     else:
-        d = bvh.signed_distance(triangles, nodes, int(solid[n, 20]), bx, by, bz)
+        d = bvh.closest(triangles, nodes, int(solid[n, 20]), bx, by, bz, bound)
+        if not outside and d < bound and bvh.inside(triangles, nodes, int(solid[n, 20]), bx, by, bz):
+            d = -d
     return d
 
 
@@ -150,7 +155,7 @@ def _block_members(space):
         for n in range(count):
             distance[n] = math.inf
             if not ball_is_beyond(solid, n, x, y, z, least + reach):
-                distance[n] = solid_distance(solid, space.triangles, space.nodes, n, x, y, z)
+                distance[n] = solid_distance(solid, space.triangles, space.nodes, n, x, y, z, np.inf, False)
                 least = min(least, distance[n])
         if used + count > len(member):
             member = np.concatenate((member, np.empty(len(member) + count, np.int64)))
@@ -173,7 +178,11 @@ def _fill(space):
             for k in range(space.nz):
                 x, y, z = space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
                 block = ((i >> 2) * by + (j >> 2)) * bz + (k >> 2)
-                sdf[node] = _nearest(solid, triangles, nodes, start, member, block, x, y, z)
+                near = sdf[node - 1] if k > 0 else np.inf
+                away = space.h if k > 0 else 0.0
+                if near >= FAR_M:
+                    near = np.inf
+                sdf[node] = _nearest(solid, triangles, nodes, start, member, block, x, y, z, near, away)
                 node += 1
     return sdf
 
@@ -184,13 +193,14 @@ def _blocks(n):
 
 
 @numba.njit(cache=True, inline="always")
-def _nearest(solid, triangles, nodes, start, member, block, x, y, z):
-    """Least distance of a point to the members of its block."""
+def _nearest(solid, triangles, nodes, start, member, block, x, y, z, near, away):
+    """Least distance of a point to the members of its block; `near` is that of a point `away` from it."""
+    bound, outside = (abs(near) + away) * (1.0 + 1e-9) + 1e-9, near > away
     best = FAR_M
     for m in range(start[block], start[block + 1]):
         n = member[m]
         if best < 0.0 or not ball_is_beyond(solid, n, x, y, z, best):
-            best = min(best, solid_distance(solid, triangles, nodes, n, x, y, z))
+            best = min(best, solid_distance(solid, triangles, nodes, n, x, y, z, bound, outside))
     return best
 
 
@@ -207,7 +217,12 @@ def distance_within(space, x, y, z):
     j = _index((y - space.oy) * per_m, space.ny)
     k = _index((z - space.oz) * per_m, space.nz)
     block = ((i >> 2) * _blocks(space.ny) + (j >> 2)) * _blocks(space.nz) + (k >> 2)
-    return _nearest(space.solid, space.triangles, space.nodes, space.start, space.member, block, x, y, z)
+    dx, dy, dz = x - space.ox - i * space.h, y - space.oy - j * space.h, z - space.oz - k * space.h
+    away = math.sqrt(dx * dx + dy * dy + dz * dz)
+    near = space.sdf[(i * space.ny + j) * space.nz + k]
+    if near >= FAR_M:
+        near = np.inf
+    return _nearest(space.solid, space.triangles, space.nodes, space.start, space.member, block, x, y, z, near, away)
 
 
 @numba.njit(cache=True, inline="always")

@@ -45,7 +45,9 @@ class Tree(NamedTuple):
             nodes.append(moved)
             roots.append(roots[-1] + len(moved))
             triangles += len(tree.triangles)
-        return cls(np.concatenate([np.empty((0, 3, 3)), *(t.triangles for t in trees)]), np.concatenate(nodes)), roots[:-1]
+        return cls(np.concatenate([np.empty((0, 3, 3)), *(t.triangles for t in trees)]), np.concatenate(nodes)), roots[
+            :-1
+        ]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -99,9 +101,9 @@ def _summarise(corners, centre, area, part, node):
 
 
 @numba.njit(cache=True, nogil=True)
-def closest(triangles, nodes, root, x, y, z):
-    """Distance from a point to the mesh at `root`."""
-    best = np.inf
+def closest(triangles, nodes, root, x, y, z, bound):
+    """Distance from a point to the mesh at `root`, or `bound` when that is smaller."""
+    best = bound * bound
     stack = np.empty(64, np.int64)
     stack[0] = root
     top = 1
@@ -209,7 +211,7 @@ def _solid_angle(tri, x, y, z):
 @numba.njit(cache=True, nogil=True)
 def signed_distance(triangles, nodes, root, x, y, z):
     """Of a point to the mesh at `root`, negative inside."""
-    d = closest(triangles, nodes, root, x, y, z)
+    d = closest(triangles, nodes, root, x, y, z, np.inf)
     return -d if inside(triangles, nodes, root, x, y, z) else d
 
 
