@@ -110,15 +110,15 @@ def closest(triangles, nodes, root, x, y, z, bound):
     while top > 0:
         top -= 1
         node = stack[top]
-        if _box_squared(nodes[node], x, y, z) >= best:
+        if _box_squared(nodes, node, x, y, z) >= best:
             continue
         first, count = int(nodes[node, 6]), int(nodes[node, 7])
         if count > 0:
             for t in range(first, first + count):
-                best = min(best, _triangle_squared(triangles[t], x, y, z))
+                best = min(best, _triangle_squared(triangles, t, x, y, z))
             continue
         left, right = node + 1, first
-        near, far = _box_squared(nodes[left], x, y, z), _box_squared(nodes[right], x, y, z)
+        near, far = _box_squared(nodes, left, x, y, z), _box_squared(nodes, right, x, y, z)
         if near > far:
             left, right, near, far = right, left, far, near
         if far < best:
@@ -143,16 +143,15 @@ def inside(triangles, nodes, root, x, y, z):
     while top > 0:
         top -= 1
         node = stack[top]
-        d = nodes[node, 8:]
-        rx, ry, rz = d[0] - x, d[1] - y, d[2] - z
+        rx, ry, rz = nodes[node, 8] - x, nodes[node, 9] - y, nodes[node, 10] - z
         rr = rx * rx + ry * ry + rz * rz
-        if rr > (_FAR * d[6]) ** 2:
-            total += (rx * d[3] + ry * d[4] + rz * d[5]) / (rr * math.sqrt(rr))
+        if rr > (_FAR * nodes[node, 14]) ** 2:
+            total += (rx * nodes[node, 11] + ry * nodes[node, 12] + rz * nodes[node, 13]) / (rr * math.sqrt(rr))
             continue
         first, count = int(nodes[node, 6]), int(nodes[node, 7])
         if count > 0:
             for t in range(first, first + count):
-                total += _solid_angle(triangles[t], x, y, z)
+                total += _solid_angle(triangles, t, x, y, z)
             continue
         stack[top] = first
         stack[top + 1] = node + 1
@@ -161,19 +160,19 @@ def inside(triangles, nodes, root, x, y, z):
 
 
 @numba.njit(cache=True, inline="always")
-def _box_squared(box, x, y, z):
-    dx = max(box[0] - x, 0.0, x - box[3])
-    dy = max(box[1] - y, 0.0, y - box[4])
-    dz = max(box[2] - z, 0.0, z - box[5])
+def _box_squared(nodes, n, x, y, z):
+    dx = max(nodes[n, 0] - x, 0.0, x - nodes[n, 3])
+    dy = max(nodes[n, 1] - y, 0.0, y - nodes[n, 4])
+    dz = max(nodes[n, 2] - z, 0.0, z - nodes[n, 5])
     return dx * dx + dy * dy + dz * dz
 
 
 @numba.njit(cache=True)
-def _triangle_squared(tri, x, y, z):
+def _triangle_squared(triangles, t, x, y, z):
     """Squared distance to a triangle: to its plane where the foot lies inside, else to the nearest edge."""
-    ax, ay, az = tri[0, 0], tri[0, 1], tri[0, 2]
-    ux, uy, uz = tri[1, 0] - ax, tri[1, 1] - ay, tri[1, 2] - az
-    vx, vy, vz = tri[2, 0] - ax, tri[2, 1] - ay, tri[2, 2] - az
+    ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
+    ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
+    vx, vy, vz = triangles[t, 2, 0] - ax, triangles[t, 2, 1] - ay, triangles[t, 2, 2] - az
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     wx, wy, wz = x - ax, y - ay, z - az
     nn = nx * nx + ny * ny + nz * nz
@@ -186,8 +185,8 @@ def _triangle_squared(tri, x, y, z):
     best = np.inf
     for i in range(3):
         j = (i + 1) % 3
-        ex, ey, ez = tri[j, 0] - tri[i, 0], tri[j, 1] - tri[i, 1], tri[j, 2] - tri[i, 2]
-        dx, dy, dz = x - tri[i, 0], y - tri[i, 1], z - tri[i, 2]
+        ex, ey, ez = triangles[t, j, 0] - triangles[t, i, 0], triangles[t, j, 1] - triangles[t, i, 1], triangles[t, j, 2] - triangles[t, i, 2]
+        dx, dy, dz = x - triangles[t, i, 0], y - triangles[t, i, 1], z - triangles[t, i, 2]
         ee = ex * ex + ey * ey + ez * ez
         s = min(max((dx * ex + dy * ey + dz * ez) / ee, 0.0), 1.0) if ee > 0.0 else 0.0
         best = min(best, (dx - s * ex) ** 2 + (dy - s * ey) ** 2 + (dz - s * ez) ** 2)
@@ -195,11 +194,11 @@ def _triangle_squared(tri, x, y, z):
 
 
 @numba.njit(cache=True)
-def _solid_angle(tri, x, y, z):
+def _solid_angle(triangles, t, x, y, z):
     """Of a triangle about the point, signed (van Oosterom and Strackee 1983)."""
-    ax, ay, az = tri[0, 0] - x, tri[0, 1] - y, tri[0, 2] - z
-    bx, by, bz = tri[1, 0] - x, tri[1, 1] - y, tri[1, 2] - z
-    cx, cy, cz = tri[2, 0] - x, tri[2, 1] - y, tri[2, 2] - z
+    ax, ay, az = triangles[t, 0, 0] - x, triangles[t, 0, 1] - y, triangles[t, 0, 2] - z
+    bx, by, bz = triangles[t, 1, 0] - x, triangles[t, 1, 1] - y, triangles[t, 1, 2] - z
+    cx, cy, cz = triangles[t, 2, 0] - x, triangles[t, 2, 1] - y, triangles[t, 2, 2] - z
     a = math.sqrt(ax * ax + ay * ay + az * az)
     b = math.sqrt(bx * bx + by * by + bz * bz)
     c = math.sqrt(cx * cx + cy * cy + cz * cz)
