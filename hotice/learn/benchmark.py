@@ -1,10 +1,11 @@
-"""Throughput: environment steps a second beside bare physics of the same model and states, in one run."""
+"""Throughput at several sizes: training, environment and bare physics in steps a second, and where the time goes."""
 
 from __future__ import annotations
 
 import json
 import resource
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,19 +14,27 @@ import torch
 
 from hotice.errors import InvalidConfig
 from hotice.files import write_text
+from hotice.learn.config import TrainConfig
 from hotice.learn.evaluate import check_writable
-from hotice.learn.scene_sets import resolve_scenes
-from hotice.sim.env import TransportEnv
-from hotice.sim.mujoco_batch import MujocoBatch
-from hotice.sim.threads import use_threads
+from hotice.learn.runner import Runner
+from hotice.learn.stopwatch import Stopwatch
+from hotice.learn.version import source_version
+from hotice.sim.memory import check_memory
+
+FORMAT = "hotice-benchmark/1"
+SHARES = ("physics", "fields", "rewards and observations", "acting", "learning", "other")
+BLOCK = 10
+"""Control steps that environment and bare physics are timed for in turn."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkConfig:
     """One benchmark."""
 
-    num_envs: int = 1024
-    """Parallel environments."""
+    num_envs: tuple[int, ...] = (1024,)
+    """Parallel environments, one measurement each; on a GPU for example 1024 2048 4096 8192 16384."""
+    updates: int = 2
+    """Updates of training that are timed, after one that is not."""
     steps: int = 50
     """Control steps that are timed, in blocks of ten that alternate between environment and bare physics."""
     threads: int = 2
@@ -35,69 +44,159 @@ class BenchmarkConfig:
     preset: str = "dual_hodpf"
     """Row of Table I."""
     physics: str = "mujoco"
-    """Physics backend."""
+    """Physics backend: "mujoco" on the CPU, "warp" on an NVIDIA GPU (or, slowly, the CPU)."""
+    device: str = "auto"
+    """Device of physics "warp" and of learning; "auto": the GPU for "warp" where there is one, else the CPU."""
     out: Path | None = None
     """Report file (JSON)."""
 
     def __post_init__(self) -> None:
-        if self.steps < 10 or self.num_envs < 1 or self.threads < 1:
-            raise InvalidConfig("benchmark needs at least 10 steps, 1 environment and 1 thread")
+        if self.steps < BLOCK or self.updates < 1 or self.threads < 1:
+            raise InvalidConfig(f"benchmark needs at least {BLOCK} steps, 1 update and 1 thread")
+        if not self.num_envs:
+            raise InvalidConfig("num_envs is empty: at least one number of environments is needed")
+        for num_envs in self.num_envs:
+            self.training(num_envs)
+
+    def training(self, num_envs: int) -> TrainConfig:
+        """What is trained; raises `InvalidConfig` or `UnknownName`."""
+        return TrainConfig(
+            num_envs=num_envs, preset=self.preset, scenes=self.scenes, physics=self.physics, device=self.device,
+            threads=self.threads, seed=0,
+        )  # fmt: skip
 
 
 def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
-    """Times full environment steps and bare physics steps from the same states; prints and returns the result.
-
-    Both simulations hold the same models; before each block the bare one takes the states of the environment and then gets
-    the same servo targets, so both solve the same contacts.
-    """
+    """Measures every size, prints a table as it grows, writes the report; returns it. Raises `HoticeError`."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.live import Live
 
     if config.out is not None:
         check_writable(config.out)
-    use_threads(config.threads)
-    env = TransportEnv(
-        config.num_envs, resolve_scenes(config.scenes), preset=config.preset, physics=config.physics, seed=0,
-        threads=config.threads,
-    )  # fmt: skip
-    bare = MujocoBatch(env.carry.models, config.num_envs, config.threads)
-    bare.set_models(torch.arange(config.num_envs), env.memory.model)
-    generator = torch.Generator().manual_seed(0)
-    env.reset()
-    for _ in range(10):
-        env.step(0.3 * torch.randn(config.num_envs, 20, generator=generator))
-    seconds = {"environment": 0.0, "physics": 0.0}
-    done = 0
-    while done < config.steps:
-        bare.load_state(env.physics.state())
-        actions = [0.3 * torch.randn(config.num_envs, 20, generator=generator) for _ in range(10)]
-        targets = []
-        begin = time.perf_counter()
-        for action in actions:
-            env.step(action)
-        seconds["environment"] += time.perf_counter() - begin
-        targets = [env.carry.target[env.memory.model] + env.action_scale * a for a in actions]
-        begin = time.perf_counter()
-        for target in targets:
-            bare.ctrl[:] = target.double()
-            bare.step(env.config.substeps)
-        seconds["physics"] += time.perf_counter() - begin
-        done += len(actions)
-    rate = {k: done * config.num_envs / v for k, v in seconds.items()}
-    result = {
-        "num_envs": config.num_envs, "threads": config.threads, "control_steps": done,
-        "environment_steps_per_s": rate["environment"], "physics_steps_per_s": rate["physics"],
-        "ratio": rate["environment"] / rate["physics"],
-        "peak_memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
-    }  # fmt: skip
-    table = Table(title=f"{config.num_envs} environments, {config.threads} threads, control steps of 4 x 5 ms")
-    table.add_column("what")
-    table.add_column("value", justify="right")
-    table.add_row("environment, steps/s", f"{rate['environment']:,.0f}")
-    table.add_row("bare physics, steps/s", f"{rate['physics']:,.0f}")
-    table.add_row("ratio", f"{result['ratio']:.2f}")
-    table.add_row("peak memory, GiB (both simulations)", f"{result['peak_memory_gib']:.2f}")
-    Console().print(table)
+    if config.physics == "mujoco":
+        check_memory(max(config.num_envs))
+    sizes: list[dict[str, Any]] = []
+    result: dict[str, Any] = {
+        "format": FORMAT,
+        "physics": config.physics,
+        "preset": config.preset,
+        "source": source_version(),
+    }
+    with Live(_table(sizes, config), console=Console(), auto_refresh=False) as live:
+        for num_envs in config.num_envs:
+            runner = Runner(config.training(num_envs))
+            result |= _machine(runner.env.device, config)
+            sizes.append(measure(runner, config.updates, config.steps))
+            live.update(_table(sizes, config), refresh=True)
+    result["sizes"] = sizes
     if config.out is not None:
         write_text(config.out, json.dumps(result, indent=1) + "\n")
     return result
+
+
+def measure(runner: Runner, updates: int, steps: int) -> dict[str, Any]:
+    """Steps a second of training, environment and bare physics, and the shares of the time of training.
+
+    Throughput is measured undisturbed; the shares in further updates, in which a GPU is waited for at every change of
+    label, so that they are exact and their sum is slower.
+    """
+    env = runner.env
+    wait = _waiting(env.device)
+    runner.learn_once()  # compiles kernels and graphs
+    per_update = env.num_envs * runner.config.ppo.steps
+    training = per_update * updates / _seconds(wait, lambda: [runner.learn_once() for _ in range(updates)])
+    environment, physics = _environment_and_physics(runner, steps, wait)
+    return {
+        "num_envs": env.num_envs, "training_steps_per_s": training, "environment_steps_per_s": environment,
+        "physics_steps_per_s": physics, "ratio": environment / physics, "shares": _shares(runner, updates, wait),
+        "peak_memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, **_device_memory(env.device),
+    }  # fmt: skip
+
+
+def _environment_and_physics(runner: Runner, steps: int, wait: Callable[[], None]) -> tuple[float, float]:
+    """Control steps a second of the environment under random actions, and of its physics from the same states.
+
+    After each block the physics goes back to the state before it and gets the same servo targets once more: both solve the
+    same contacts, but that fallen robots stay on the floor in bare physics.
+    """
+    env, seconds = runner.env, [0.0, 0.0]
+    generator = torch.Generator(env.device).manual_seed(0)
+    blocks = -(-steps // BLOCK)
+    for _ in range(blocks):
+        before = env.physics.state()
+        shape = (env.num_envs, env.num_actions)
+        actions = [0.3 * torch.randn(shape, generator=generator, device=env.device) for _ in range(BLOCK)]
+        models = env.memory.model.clone()
+        seconds[0] += _seconds(wait, lambda actions=actions: [env.step(a) for a in actions])
+        after = env.physics.state()
+        env.physics.load_state(before)
+        targets = [(env.carry.target[models] + env.action_scale * a).to(env.physics.ctrl.dtype) for a in actions]
+
+        def bare(targets: list[torch.Tensor] = targets) -> None:
+            for target in targets:
+                env.physics.ctrl[:] = target
+                env.physics.step(env.config.substeps)
+
+        seconds[1] += _seconds(wait, bare)
+        env.physics.load_state(after)
+    environment, physics = (blocks * BLOCK * env.num_envs / s for s in seconds)
+    return environment, physics
+
+
+def _shares(runner: Runner, updates: int, wait: Callable[[], None]) -> dict[str, float]:
+    """Shares of the time of training, by label. The runner stays instrumented."""
+    env, watch = runner.env, Stopwatch(wait)
+    for name in ("step", "forward"):
+        watch.watch(env.physics, name, "physics")
+    for name in ("sample", "signed_distance"):
+        watch.watch(env.bank, name, "fields")
+    for owner, name in ((env, "rewards"), (env, "policy_table"), (env, "critic_table"), (env.sensors, "measure")):
+        watch.watch(owner, name, "rewards and observations")
+    watch.watch(runner, "_act", "acting")
+    watch.watch(runner.algo, "update", "learning")
+    total = _seconds(wait, watch.timed(lambda: [runner.learn_once() for _ in range(updates)], "other"))
+    return {label: watch.seconds.get(label, 0.0) / total for label in SHARES}
+
+
+def _seconds(wait: Callable[[], None], work: Callable[[], object]) -> float:
+    wait()
+    begin = time.perf_counter()
+    work()
+    wait()
+    return time.perf_counter() - begin
+
+
+def _waiting(device: torch.device) -> Callable[[], None]:
+    if device.type == "cuda":
+        return lambda: torch.cuda.synchronize(device)
+    return lambda: None
+
+
+def _machine(device: torch.device, config: BenchmarkConfig) -> dict[str, Any]:
+    name = torch.cuda.get_device_name(device) if device.type == "cuda" else f"CPU, {config.threads} threads"
+    return {"device": str(device), "machine": name}
+
+
+def _device_memory(device: torch.device) -> dict[str, float]:
+    """Memory in use on a GPU, by everyone: MuJoCo Warp allocates beside torch."""
+    if device.type != "cuda":
+        return {}
+    free, total = torch.cuda.mem_get_info(device)
+    return {"device_memory_gib": (total - free) / 2**30}
+
+
+def _table(sizes: list[dict[str, Any]], config: BenchmarkConfig):
+    from rich.table import Table
+
+    table = Table(title=f"physics {config.physics}, {config.preset}, control steps of 4 x 5 ms, steps/s")
+    names = ("environments", "training", "environment", "physics", "ratio", *SHARES, "memory [GiB]")
+    for name in names:
+        table.add_column(name, justify="right")
+    for row in sizes:
+        rates = (row[f"{kind}_steps_per_s"] for kind in ("training", "environment", "physics"))
+        table.add_row(
+            f"{row['num_envs']:,}", *(f"{rate:,.0f}" for rate in rates), f"{row['ratio']:.2f}",
+            *(f"{row['shares'][label]:.0%}" for label in SHARES),
+            f"{row.get('device_memory_gib', row['peak_memory_gib']):.2f}",
+        )  # fmt: skip
+    return table

@@ -86,10 +86,13 @@ def test_tables(capsys):
 
 def test_benchmark(tmp_path, capsys):
     out = tmp_path / "b.json"
-    options = ["--num-envs", "4", "--steps", "10", "--threads", "1", "--scenes", "open_floor", "--out", str(out)]
-    assert main(["benchmark", *options]) == 0
+    options = ["--num-envs", "4", "8", "--updates", "1", "--steps", "10", "--threads", "1", "--scenes", "open_floor"]
+    assert main(["benchmark", *options, "--out", str(out)]) == 0
     result = json.loads(out.read_text())
-    assert result["num_envs"] == 4 and result["environment_steps_per_s"] > 0 and result["physics_steps_per_s"] > 0
+    assert [row["num_envs"] for row in result["sizes"]] == [4, 8]
+    assert all(
+        row[f"{kind}_steps_per_s"] > 0 for row in result["sizes"] for kind in ("training", "environment", "physics")
+    )
 
 
 # scenes given wrongly ---------------------------------------------------------------------------------------------------
