@@ -6,6 +6,7 @@ reports so, and the pipeline submits the job again, which goes on from its newes
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import time
@@ -32,7 +33,7 @@ class RayWorkers:
             raise HoticeError('--cluster needs Ray, which is not installed: pip install "ray>=2.40"') from None
         self.ray = ray
         try:
-            ray.init(address=address, log_to_driver=False, logging_level="ERROR", ignore_reinit_error=True)
+            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, ignore_reinit_error=True)
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise HoticeError(
                 f"no Ray cluster at {address!r}: {str(error).splitlines()[0]} (start one with `ray start --head`)"
@@ -55,7 +56,8 @@ class RayWorkers:
     def stop(self) -> None:
         for task in self.running:
             self.ray.cancel(task)
-        self.ray.wait(list(self.running), num_returns=len(self.running), timeout=90.0) if self.running else None
+        if self.running:
+            self.ray.wait(list(self.running), num_returns=len(self.running), timeout=90.0)
 
     def _status(self, task: Any) -> int:
         try:

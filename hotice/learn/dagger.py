@@ -87,8 +87,8 @@ class Dagger(Learner):
         self._minimise(loss)
         return log
 
-    def state(self) -> dict[str, Tensor]:
-        return super().state() | self.labels.state()
+    def own_state(self) -> dict[str, Tensor]:
+        return super().own_state() | self.labels.state()
 
     def meta(self) -> dict[str, Any]:
         return super().meta() | {"teachers": self.teachers.sources}
@@ -100,6 +100,9 @@ class Dagger(Learner):
                 "give these checkpoints again, or another folder as out"
             )
         super().load_state(tensors, meta)
+
+    def load_own_state(self, tensors: dict[str, Tensor]) -> None:
+        super().load_own_state(tensors)
         self.labels.load_state(tensors)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from hotice.learn import distributed
 from hotice.learn.learner import Learner
 from hotice.learn.losses import clipped_surrogate, clipped_value
 from hotice.learn.networks import kl_divergence
@@ -22,7 +23,7 @@ class DualPpo(Learner):
     def update(self, rollout: Rollout) -> dict[str, float]:
         cfg = self.config
         rollout.returns = rollout.advantage + rollout.value
-        flat = rollout.advantage.flatten(0, 1)
+        flat = distributed.concatenate(rollout.advantage.flatten(0, 1))
         rollout.advantage = (rollout.advantage - flat.mean(0)) / (flat.std(0) + 1e-8)
         std_old = self.net.std().detach().clone()
         return self._summary(
@@ -45,7 +46,8 @@ class DualPpo(Learner):
             entropy = std[part].log().sum()
             loss = loss + surrogate + cfg.value_weight * value_loss - cfg.entropy * entropy
             with torch.no_grad():
-                kl = float(kl_divergence(batch.mean[:, part], std_old[part], mean[:, part], std[part]).mean())
+                divergence = kl_divergence(batch.mean[:, part], std_old[part], mean[:, part], std[part]).mean()
+            kl = float(distributed.mean(divergence))
             self._adapt(i, kl)
             log |= {
                 f"surrogate/{agent.name}": float(surrogate.detach()),

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from hotice.errors import CheckpointError
+
 
 @dataclass(frozen=True, kw_only=True)
 class Labels:
@@ -53,8 +55,12 @@ class ReplayBuffer:
         }
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
-        """Restores `state` of an equal buffer."""
+        """Restores `state` of an equal buffer. Raises `CheckpointError` for one of another size."""
         if len(self.obs) > 1:
+            if "replay.obs" not in tensors or tensors["replay.obs"].shape != self.obs.shape:
+                raise CheckpointError(
+                    "rollouts that were kept differ in number or size: resume with the same aggregate, steps and num_envs"
+                )
             for name in ("obs", "mean", "teacher"):
                 getattr(self, name).copy_(tensors[f"replay.{name}"])
             self.added = int(tensors["replay.added"])

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from hotice.errors import InvalidConfig
+from hotice.learn import distributed
 from hotice.learn.config import PpoConfig
 from hotice.learn.networks import ActorCritic, log_prob
 from hotice.learn.storage import Rollout
@@ -51,13 +52,16 @@ class Learner:
     # for checkpoints ------------------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Tensor]:
-        """Tensors that later updates depend on, beside the networks."""
-        rows = {
+        """Tensors beside the networks that all ranks share."""
+        return {
             f"optimizer.{index}.{name}": torch.as_tensor(value)
             for index, values in self.optimizer.state_dict()["state"].items()
             for name, value in values.items()
         }
-        return rows | {"generator": self.generator.get_state()}
+
+    def own_state(self) -> dict[str, Tensor]:
+        """Tensors that each rank has of its own."""
+        return {"generator": self.generator.get_state()}
 
     def meta(self) -> dict[str, Any]:
         """JSON-ready values that go with `state`."""
@@ -67,8 +71,11 @@ class Learner:
     def load_state(self, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         """Restores `state` and `meta` of a run of the same kind."""
         self.load_optimizer(tensors, meta)
-        self.generator.set_state(tensors["generator"].cpu())
         self.skipped = int(meta["skipped"])
+
+    def load_own_state(self, tensors: dict[str, Tensor]) -> None:
+        """Restores `own_state`."""
+        self.generator.set_state(tensors["generator"].cpu())
 
     def load_optimizer(self, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         """Takes over moments and learning rates; the latter within this configuration's limit."""
@@ -113,6 +120,7 @@ class Learner:
     def _descend(self) -> None:
         """One step, unless a gradient is not finite: then the minibatch is left out and counted."""
         norms = []
+        distributed.average_gradients(self.net.parameters())
         for group in self.optimizer.param_groups:
             norms.append(torch.nn.utils.clip_grad_norm_(group["params"], self.config.max_grad_norm))
         if not all(bool(torch.isfinite(n)) for n in norms):

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from hotice.errors import CheckpointError
+from hotice.learn import distributed
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, save_checkpoint
 from hotice.learn.config import TrainConfig
 from hotice.learn.curriculum import SceneCurriculum
@@ -42,9 +43,11 @@ class Runner:
         use_threads(config.threads)
         torch.manual_seed(config.seed)
         task = config.task.perturbed() if config.perturbed else config.task
+        device = distributed.start(config.torch_device())
+        seed = config.seed + distributed.SEED_STRIDE * distributed.rank()
         self.env = env or TransportEnv(
-            config.num_envs, resolve_scenes(config.scenes), preset=config.preset, device=config.torch_device(),
-            physics=config.physics, seed=config.seed, config=task, threads=config.threads,
+            config.num_envs, resolve_scenes(config.scenes), preset=config.preset, device=device, physics=config.physics,
+            seed=seed, config=task, threads=config.threads,
         )  # fmt: skip
         env = self.env
         self.net = ActorCritic(
@@ -55,7 +58,8 @@ class Runner:
             config.critic_hidden,
             config.init_std,
         ).to(env.device)
-        generator = torch.Generator(env.device).manual_seed(config.seed + 1)
+        distributed.share(self.net)
+        generator = torch.Generator(env.device).manual_seed(seed + 1)
         self.algo = self._make_learner(generator)
         self.rollout = Rollout(
             config.ppo.steps, env.num_envs, env.policy_table.size, env.critic_table.size, len(env.agents), env.device
@@ -82,20 +86,25 @@ class Runner:
         """Runs until the limit of updates or minutes; saves at the end, also when interrupted: then False."""
         cfg = self.config
         begin, minutes_before = time.monotonic(), self.minutes
-        write_config(cfg)
-        with Progress(cfg, self.update) as progress, stop_on_signals() as stopped:
-            while self.update < cfg.updates and not stopped.is_set():
+        leads = distributed.rank() == 0
+        if leads:
+            write_config(cfg)
+        shown = Progress(cfg, self.update) if leads else contextlib.nullcontext()
+        late = stopped = False
+        with shown as progress, stop_on_signals() as signalled:
+            while self.update < cfg.updates and not (late or stopped):
                 log = self.learn_once()
                 self.minutes = minutes_before + (time.monotonic() - begin) / 60.0
-                progress.report(self.update, self.steps, self.minutes, log)
-                if self._due():
+                late = cfg.max_minutes > 0 and self.minutes - minutes_before >= cfg.max_minutes
+                stopped, late, due = distributed.any_rank(signalled.is_set(), late, self._due())
+                if progress:
+                    progress.report(self.update, self.steps, self.minutes, log)
+                if due and not (late or stopped):
                     self.save()
-                if cfg.max_minutes and self.minutes - minutes_before >= cfg.max_minutes:
-                    break
-            if stopped.is_set():
+            if progress and stopped:
                 progress.note("asked to stop: saving")
         self.save()
-        return not stopped.is_set()
+        return not stopped
 
     def learn_once(self) -> dict[str, float]:
         """One rollout and one update."""
@@ -106,7 +115,9 @@ class Runner:
         log = self.algo.update(self.rollout)
         self._observe_statistics()
         self.update += 1
-        self.steps += self.env.num_envs * self.config.ppo.steps
+        steps = distributed.size() * self.env.num_envs * self.config.ppo.steps
+        self.steps += steps
+        distributed.add_up(self.stats.counters)
         episodes, ended, successes = self.stats.pop()
         log |= episodes
         if self.config.curriculum:
@@ -114,7 +125,7 @@ class Runner:
             self.env.starter.scene_weight.copy_(self.curriculum.weights())
             log["curriculum/solved"] = float((self.curriculum.rate > 0.8).float().mean())
         log["seconds/collect"], log["seconds/learn"] = middle - begin, time.monotonic() - middle
-        log["steps_per_s"] = self.env.num_envs * self.config.ppo.steps / (time.monotonic() - begin)
+        log["steps_per_s"] = steps / (time.monotonic() - begin)
         log["reward"] = float(self.rollout.reward.mean())
         log |= {f"term/{name}": value for name, value in self.terms.items()}
         log["unstable"] = float(self.env.unstable)
@@ -150,8 +161,9 @@ class Runner:
     def _observe_statistics(self) -> None:
         """Updates the normalisers, once an update, with the newest observations and their mirror images."""
         env = self.env
-        self.net.obs_norm.update(torch.cat([self.obs, env.policy_table.mirror(self.obs)]))
-        self.net.critic_norm.update(torch.cat([self.critic_obs, env.critic_table.mirror(self.critic_obs)]))
+        obs, critic_obs = distributed.concatenate(self.obs), distributed.concatenate(self.critic_obs)
+        self.net.obs_norm.update(torch.cat([obs, env.policy_table.mirror(obs)]))
+        self.net.critic_norm.update(torch.cat([critic_obs, env.critic_table.mirror(critic_obs)]))
 
     # saving and loading ---------------------------------------------------------------------------------------------
 
@@ -160,21 +172,23 @@ class Runner:
         late = time.monotonic() - self._saved_at > 60.0 * self.config.checkpoint_minutes
         return late or bool(every and self.update % every == 0)
 
-    def save(self) -> Path:
-        """Writes a checkpoint."""
-        tensors = {f"net.{k}": v for k, v in self.net.state_dict().items()}
-        tensors |= {f"env.{k}": v for k, v in self.env.state().items()}
-        tensors |= self.algo.state()
-        tensors["reached"], tensors["touched"] = self.stats.reached, self.stats.touched
+    def save(self) -> None:
+        """Writes a checkpoint: what all ranks share, and what each has of its own (rank 1 and up: `rankN.` before the names)."""
+        own = {f"env.{k}": v for k, v in self.env.state().items()} | self.algo.own_state()
+        own |= {"reached": self.stats.reached, "touched": self.stats.touched}
+        first, *others = distributed.collect(own)
+        tensors = {f"net.{k}": v for k, v in self.net.state_dict().items()} | self.algo.state() | first
+        tensors |= {f"rank{r}.{k}": v for r, other in enumerate(others, 1) for k, v in other.items()}
         tensors["curriculum"] = self.curriculum.rate
         meta: dict[str, Any] = {
             **self.algo.meta(), "steps": self.steps, "minutes": self.minutes,
             "config": config_to_dict(self.config), "layout": self.env.policy_table.layout(),
             "critic_layout": self.env.critic_table.layout(), "scenes": self.env.bank.names, "source": source_version(),
-            "num_envs": self.env.num_envs,
+            "num_envs": self.env.num_envs, "ranks": distributed.size(),
         }  # fmt: skip
         self._saved_at = time.monotonic()
-        return save_checkpoint(self.config.out, self.update, tensors, meta)
+        if distributed.rank() == 0:
+            save_checkpoint(self.config.out, self.update, tensors, meta)
 
     def load(self, path: Path) -> None:
         """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one."""
@@ -190,6 +204,11 @@ class Runner:
         self._load_net(path, tensors, meta)
         self.algo.load_state(tensors, meta)
         self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
+        if meta.get("ranks", 1) != distributed.size():
+            return
+        prefix = f"rank{distributed.rank()}."
+        tensors = tensors | {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+        self.algo.load_own_state(tensors)
         same_envs = meta["num_envs"] == self.env.num_envs and meta["scenes"] == self.env.bank.names
         if same_envs and meta["config"]["task"] == config_to_dict(self.config)["task"]:
             self.obs, self.critic_obs = self.env.load_state(

@@ -26,6 +26,11 @@ class EpisodeStatistics:
         self.distance = torch.zeros((), device=device)
         self.length = torch.zeros((), device=device)
 
+    @property
+    def counters(self) -> tuple[Tensor, ...]:
+        """What `pop` reads and clears."""
+        return self.ended, self.outcomes, self.successes, self.collisions, self.distance, self.length
+
     def add(self, step: Step) -> None:
         """Takes in one control step."""
         self.touched |= step.touched
@@ -56,6 +61,6 @@ class EpisodeStatistics:
             result["distance_m"] = float(self.distance) / total
             result["length"] = float(self.length) / total
         ended, successes = self.ended.clone(), self.successes.clone()
-        for t in (self.ended, self.outcomes, self.successes, self.collisions, self.distance, self.length):
-            t.zero_()
+        for counter in self.counters:
+            counter.zero_()
         return result, ended, successes
