@@ -21,7 +21,7 @@ def occupancy_distance(occupied: NDArray[np.bool_], resolution_m: float) -> NDAr
         raise InvalidConfig(f"occupancy {occupied.shape} at {resolution_m!r} m: (nx, ny, nz) and a length are needed")
     if occupied.all() or not occupied.any():
         return np.full(occupied.shape, -np.inf if occupied.any() else np.inf)
-    outside = ndimage.distance_transform_edt(~occupied, sampling=resolution_m)
-    inside = ndimage.distance_transform_edt(occupied, sampling=resolution_m)
+    outside = np.asarray(ndimage.distance_transform_edt(~occupied, sampling=resolution_m))
+    inside = np.asarray(ndimage.distance_transform_edt(occupied, sampling=resolution_m))
     half = 0.5 * resolution_m
     return np.where(occupied, half - inside, outside - half)

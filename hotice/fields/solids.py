@@ -61,9 +61,12 @@ class Space(NamedTuple):
         root_of: dict[Any, int] = dict(zip(meshes, roots, strict=True))
         solid = np.array([_row(o, root_of.get(o.shape, 0)) for o in scene.obstacles]).reshape(-1, 21)
         thinnest = min((_thickness(o.shape) for o in scene.obstacles), default=FAR_M)
-        place = (*grid.origin.tolist(), grid.resolution_m, *grid.shape, thinnest)
-        none = np.empty(0, dtype=np.int64)
-        empty = cls(solid, tree.triangles, tree.nodes, none, none, np.empty(0), *place)
+        ox, oy, oz = grid.origin.tolist()
+        nx, ny, nz = grid.shape
+        none, h = np.empty(0, dtype=np.int64), grid.resolution_m
+        empty = cls(
+            solid, tree.triangles, tree.nodes, none, none, np.empty(0), ox, oy, oz, h, nx, ny, nz, thinnest
+        )  # fmt: skip
         start, member = _block_members(empty)
         listed = empty._replace(start=start, member=member)
         return listed._replace(sdf=_fill(listed))
@@ -73,7 +76,7 @@ def _row(obstacle: Obstacle, root: int) -> list[float]:
     kind, size = _kind_and_size(obstacle.shape)
     centre, radius = obstacle.bounding_ball()
     R_WB = quat_to_mat(obstacle.quaternion_wxyz).reshape(-1)
-    return [kind, *size, *R_WB, *obstacle.position_m, *centre, radius, root]
+    return [kind, *size, *R_WB.tolist(), *obstacle.position_m, *centre.tolist(), radius, root]
 
 
 def _kind_and_size(shape: Any) -> tuple[int, tuple[float, float, float]]:
@@ -98,7 +101,7 @@ def _thickness(shape: Any) -> float:
     return 2.0 * min(size[:2]) if kind == _CYLINDER else 2.0 * size[0]
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def solid_distance(solid, triangles, nodes, n, x, y, z, bound, outside):
     """Exact signed distance of a point in W to obstacle n; of a mesh, `bound` when it is farther than that.
 
@@ -129,14 +132,14 @@ def solid_distance(solid, triangles, nodes, n, x, y, z, bound, outside):
     return d
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def ball_is_beyond(solid, n, x, y, z, best):
     """Whether all of obstacle n is certainly farther than `best` >= -radius, by its bounding ball."""
     dx, dy, dz, reach = x - solid[n, 16], y - solid[n, 17], z - solid[n, 18], best + solid[n, 19]
     return dx * dx + dy * dy + dz * dz > reach * reach
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _block_members(space):
     solid, h = space.solid, space.h
     bx, by, bz = _blocks(space.nx), _blocks(space.ny), _blocks(space.nz)
@@ -167,7 +170,7 @@ def _block_members(space):
     return start, member[:used].copy()
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _fill(space):
     solid, triangles, nodes, start, member = space.solid, space.triangles, space.nodes, space.start, space.member
     by, bz = _blocks(space.ny), _blocks(space.nz)
@@ -187,12 +190,12 @@ def _fill(space):
     return sdf
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def _blocks(n):
     return (n + BLOCK - 1) >> 2
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def _nearest(solid, triangles, nodes, start, member, block, x, y, z, near, away):
     """Least distance of a point to the members of its block; `near` is that of a point `away` from it."""
     bound, outside = (abs(near) + away) * (1.0 + 1e-9) + 1e-9, near > away
@@ -204,12 +207,12 @@ def _nearest(solid, triangles, nodes, start, member, block, x, y, z, near, away)
     return best
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def _index(u, n):
     return min(max(int(u + 0.5), 0), n - 1)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def distance_within(space, x, y, z):
     """Exact signed distance of a point in the grid's box, cut at FAR_M."""
     per_m = 1.0 / space.h
@@ -225,7 +228,7 @@ def distance_within(space, x, y, z):
     return _nearest(space.solid, space.triangles, space.nodes, space.start, space.member, block, x, y, z, near, away)
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, x, y, z):
     """Lower bound of `distance_within` from the nearest node: its distance less the way to it."""
     i, j, k = _index((x - ox) / h, nx), _index((y - oy) / h, ny), _index((z - oz) / h, nz)
@@ -233,7 +236,7 @@ def distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, x, y, z):
     return sdf[(i * ny + j) * nz + k] - math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def normal_within(space, x, y, z, s):
     """Unit gradient of `distance_within`, which is s here, by forward differences."""
     e = 1e-6

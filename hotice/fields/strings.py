@@ -17,7 +17,10 @@ from hotice.fields.solids import distance_bound, distance_within, normal_within
 DEPTH_PER_M = 0.25
 STEP_PER_M = 1.0
 """Least step of a trace over h^2 [1/m]."""
-_NEAR = 0.15
+_LONGEST = 0.25
+"""Longest step in cells along a wall that stays level within this slope:"""
+_LEVEL = 0.02
+_NEAR = 0.3
 """Bounds below this many cells are replaced by exact distances."""
 _TURN = -0.2
 """Least cosine between the normals at the ends of a step in touch with a wall."""
@@ -26,13 +29,13 @@ _HALVINGS = 7
 _MAX_BENDS = 12
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def distance(a, b):
     """|a - b| of two triples."""
     return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def trace(space, margin, a, b):
     """(free, at, s) of the segment a-b among obstacles inflated by `margin`.
 
@@ -45,7 +48,8 @@ def trace(space, margin, a, b):
     ox, oy, oz, nx, ny, nz = space.ox, space.oy, space.oz, space.nx, space.ny, space.nz
     least, near, deepest = STEP_PER_M * h * h, _NEAR * h, -DEPTH_PER_M * h * h
     t, at, lowest, last = 0.0, 0.0, math.inf, -math.inf
-    thin = space.thinnest + 2.0 * margin < 4.0 * least
+    stride, longest = least, _LONGEST * h
+    thin = space.thinnest + 2.0 * margin < 2.0 * longest
     touching = False
     before = (0.0, 0.0, 0.0)
     for _ in range(_MAX_STEPS):
@@ -55,6 +59,8 @@ def trace(space, margin, a, b):
             s = distance_within(space, x, y, z) - margin
             if s < min(lowest, last):
                 lowest, at = s, t
+            level = touching and abs(s - last) < _LEVEL * stride
+            stride = min(2.0 * stride, longest) if level else least
             last = s
             if s < deepest:
                 return False, at, lowest
@@ -65,14 +71,14 @@ def trace(space, margin, a, b):
                 before = n
             touching = s < least
         else:
-            touching, last = False, math.inf
+            touching, last, stride = False, math.inf, least
         if t >= length:
             return True, at, lowest
-        t = min(t + max(abs(s), least), length)
+        t = min(t + max(abs(s), stride), length)
     return False, at, lowest
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def graze(space, margin, a, y, x):
     """(found, b): where the string from a to the last point of y-x that a sees touches the wall; a sees y, not x."""
     low, high = 0.0, 1.0
@@ -99,7 +105,7 @@ def graze(space, margin, a, y, x):
     return True, (px - s * nx, py - s * ny, pz - s * nz)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def join(space, margin, row, x, best):
     """(value, row) of the path over the bend of `row` straight to x: inf when a wall hides it or best is shorter."""
     value, b = reach(row, x)
@@ -110,7 +116,7 @@ def join(space, margin, row, x, best):
     return math.inf, row
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def pull(space, margin, row, y, x, best):
     """(value, row) of the string over the bend of `row`, which y sees, past further bends near y-x to x.
 

@@ -185,8 +185,9 @@ def _triangle_squared(triangles, t, x, y, z):
     best = np.inf
     for i in range(3):
         j = (i + 1) % 3
-        ex, ey, ez = triangles[t, j, 0] - triangles[t, i, 0], triangles[t, j, 1] - triangles[t, i, 1], triangles[t, j, 2] - triangles[t, i, 2]
-        dx, dy, dz = x - triangles[t, i, 0], y - triangles[t, i, 1], z - triangles[t, i, 2]
+        px, py, pz = triangles[t, i, 0], triangles[t, i, 1], triangles[t, i, 2]
+        ex, ey, ez = triangles[t, j, 0] - px, triangles[t, j, 1] - py, triangles[t, j, 2] - pz
+        dx, dy, dz = x - px, y - py, z - pz
         ee = ex * ex + ey * ey + ez * ez
         s = min(max((dx * ex + dy * ey + dz * ez) / ee, 0.0), 1.0) if ee > 0.0 else 0.0
         best = min(best, (dx - s * ex) ** 2 + (dy - s * ey) ** 2 + (dz - s * ez) ** 2)
