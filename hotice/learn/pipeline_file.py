@@ -138,7 +138,7 @@ def _items(where: str, each: Any) -> list[list[str]]:
 
 
 def _label(group: list[str]) -> str:
-    text = "+".join(Path(item).stem if item.endswith(".json") else item for item in group)
+    text = "+".join(Path(item).name.removesuffix(".json") for item in group)
     text = re.sub(r"[^A-Za-z0-9_.+-]", "_", text).lstrip("._+-") or "item"
     return text if len(text) <= 60 else f"{text[:50]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 

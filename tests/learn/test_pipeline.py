@@ -80,6 +80,12 @@ def test_the_shipped_pipeline_and_whole_scene_sets(write):
     assert [len(options(j)["--scenes"]) for j in jobs] == [6, 6, 6, 2] and options(jobs[0])["--threads"] == ["3"]
 
 
+def test_the_recipe_of_the_paper_in_the_documentation_can_run(write):
+    text = (Path(__file__).parents[2] / "docs" / "training.md").read_text().split("```yaml\n")[1].split("```")[0]
+    jobs = load_pipeline(write(text)).jobs
+    assert [j.command for j in jobs].count("train") == 75 and len(options(jobs[75])["--teachers"]) == 75
+
+
 def test_a_change_moves_the_job_and_what_needs_it_and_nothing_else(write):
     def folders(document):
         return {j.name: j.folder.name for j in load_pipeline(write(document)).jobs}
