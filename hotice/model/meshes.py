@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidScene
 from hotice.model import bvh
+from hotice.model.obj_text import absolute_indices
 from hotice.model.shapes import MAX_LENGTH_M
 
 MAX_FACES = 200_000
@@ -66,7 +68,10 @@ def _load(path: Path, scale: float, _mtime: int, _size: int) -> TriangleMesh:
     import trimesh
 
     try:
-        mesh = trimesh.load_mesh(str(path), process=False, skip_materials=True)
+        kind = path.suffix.lower().removeprefix(".")
+        content = path.read_bytes()
+        content = absolute_indices(content) if kind == "obj" else content
+        mesh = trimesh.load_mesh(io.BytesIO(content), file_type=kind, process=False, skip_materials=True)
         if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
             raise ValueError("it holds no triangles")
     except Exception as error:  # any parser failure on an untrusted file is the file's

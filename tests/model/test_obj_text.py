@@ -29,3 +29,20 @@ def test_each_kind_of_index_counts_its_own():
 @pytest.mark.parametrize("text", [b"v 0 0 -1\nf 1 2 3\n", b"", b"# - f -1\n"])
 def test_other_text_is_left_alone(text):
     assert absolute_indices(text) is text
+
+
+def test_a_mesh_obstacle_reads_them_too(tmp_path):
+    from hotice.model.meshes import load_mesh
+
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    lines = []
+    for shift in (0, 5):  # the second cube's faces count back from the vertices before them, the first's too
+        lines += [f"v {x + shift} {y} {z}" for x, y, z in corners]
+        lines += ["f " + " ".join(str(i - 8) for i in quad) for quad in quads]
+    path = tmp_path / "cubes.obj"
+    path.write_text("\n".join(lines) + "\n")
+    mesh = load_mesh(path, 1.0)
+    np.testing.assert_allclose(
+        mesh.signed_distance(np.array([[0.5, 0.5, 0.5], [5.5, 0.5, 0.5], [3.0, 0.5, 0.5]])), [-0.5, -0.5, 2.0]
+    )
