@@ -82,7 +82,8 @@ def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
         "preset": config.preset,
         "source": source_version(),
     }
-    with Live(_table(sizes, config), console=Console(), auto_refresh=False) as live:
+    console = Console(width=None if Console().is_terminal else 130)
+    with Live(_table(sizes, config), console=console, auto_refresh=False) as live:
         for num_envs in config.num_envs:
             runner = Runner(config.training(num_envs))
             result |= _machine(runner.env.device, config)
