@@ -2,6 +2,8 @@ import dataclasses
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import yaml
 
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.learn import pipeline as module
+from hotice.learn.__main__ import main
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint
 from hotice.learn.jobs import LOCK, Job, JobProcess
 from hotice.learn.pipeline import STATUS, LocalWorkers, PipelineConfig, run_pipeline
@@ -142,6 +145,19 @@ def test_deep_nesting_is_refused(write):
         load_pipeline(write("[" * 5000 + "]" * 5000))
 
 
+def test_the_command_line(write, capfd, tmp_path):
+    for name in ("distill", "finetune", "pipeline"):
+        with pytest.raises(SystemExit) as caught:
+            main([name, "--help"])
+        assert not caught.value.code
+    capfd.readouterr()
+    assert main(["pipeline", str(tmp_path / "nowhere.yaml")]) == 2
+    assert main(["pipeline", str(write(graph())), "--workers", "0"]) == 2
+    assert main(["pipeline", str(write(graph() | {"out": "pipeline.yaml/x"}))]) == 2
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 3 and "no such file" in lines[0] and "workers is 0" in lines[1] and "cannot create" in lines[2]
+
+
 # the schedule -----------------------------------------------------------------------------------------------------------
 
 
@@ -218,7 +234,7 @@ def test_a_signal_stops_it(pretend):
 
 
 def test_without_ray_the_cluster_is_refused(write, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "ray", None)
+    monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(HoticeError, match="needs Ray"):
         run_pipeline(PipelineConfig(config=write(graph()), cluster="auto"))
 
@@ -266,6 +282,28 @@ def test_a_killed_job_goes_on_and_finished_ones_are_not_repeated(write, tiny, tm
     workers = Pretence(lambda job, attempt: 0)
     monkeypatch.setattr(module, "make_workers", lambda config: workers)
     assert run_pipeline(PipelineConfig(config=path)) and workers.log == []
+
+
+@pytest.mark.slow
+def test_a_killed_pipeline_goes_on_when_its_orphan_has_ended(write, tiny, tmp_path):
+    path = write(training(updates=12))
+    teacher, _ = load_pipeline(path).jobs
+    with open(tmp_path / "output", "wb") as sink:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "hotice.learn", "pipeline", str(path)], stdout=sink, stderr=sink
+        )
+    deadline = time.monotonic() + 240
+    while not list_checkpoints(teacher.folder):
+        assert time.monotonic() < deadline and process.poll() is None, (tmp_path / "output").read_text()
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    assert run_pipeline(PipelineConfig(config=path))
+    rows = json.loads((tmp_path / "out" / STATUS).read_text())["jobs"]
+    assert [(r["state"], r["attempts"]) for r in rows] == [("done", 1), ("done", 1)]
+    assert is_like_undisturbed(teacher, tiny, tmp_path / "whole", 12)
+    updates = [json.loads(line)["update"] for line in (teacher.folder / "log.jsonl").open()]
+    assert updates == list(range(1, 13)), "two processes of one job never ran side by side"
 
 
 @pytest.mark.slow
