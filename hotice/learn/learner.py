@@ -18,6 +18,11 @@ from hotice.learn.storage import Rollout
 Mirror = Callable[[Tensor], Tensor]
 
 
+MIRROR_ROWS = 768
+"""Rows of a large minibatch that the mirror loss looks at: all of them would cost a third of an update, yet 768 of 6,144 change
+the gradient of the actors by 1 %, where two minibatches differ by 130 % (measured on `carry`)."""
+
+
 class Learner:
     """Improves the agents of an `ActorCritic` from rollouts. `kind` names the objective in checkpoints."""
 
@@ -96,8 +101,13 @@ class Learner:
         return torch.stack(parts, dim=-1)
 
     def _mirror_loss(self, obs: Tensor, mean: Tensor) -> Tensor:
-        """Mean square difference between the action in a mirrored state and the mirrored action, ()."""
-        return (self.net.mean(self.mirror_obs(obs)) - self.mirror_action(mean.detach())).square().mean()
+        """Mean square difference between the action in a mirrored state and the mirrored action, ().
+
+        Estimated from `MIRROR_ROWS` evenly spaced rows or a few more.
+        """
+        stride = max(1, len(obs) // MIRROR_ROWS)
+        obs, mean = obs[::stride], mean[::stride].detach()
+        return (self.net.mean(self.mirror_obs(obs)) - self.mirror_action(mean)).square().mean()
 
     def _summary(self, minibatches: Iterable[dict[str, float]]) -> dict[str, float]:
         """Means over minibatches, and where learning rates and standard deviations stand."""

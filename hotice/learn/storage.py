@@ -43,4 +43,4 @@ class Rollout:
         total = len(flat["obs"])
         order = torch.randperm(total, generator=generator, device=generator.device)
         for ids in order.split(total // count):
-            yield Batch(**{name: value[ids] for name, value in flat.items()})
+            yield Batch(**{name: value.index_select(0, ids) for name, value in flat.items()})

@@ -6,6 +6,7 @@ import torch
 from hotice.errors import InvalidConfig
 from hotice.learn.config import PpoConfig
 from hotice.learn.dual_ppo import DualPpo
+from hotice.learn.learner import MIRROR_ROWS
 from hotice.learn.losses import clipped_surrogate, clipped_value
 from hotice.learn.networks import ActorCritic
 from hotice.learn.storage import Rollout
@@ -105,6 +106,20 @@ def test_the_objective_is_the_sum_of_both():
     for name in ("low", "up"):
         expected = torch.cat([p.grad.flatten() for p in net.nets[name].parameters()])
         torch.testing.assert_close(got[name], expected, rtol=1e-4, atol=1e-6)
+
+
+def test_the_mirror_loss_of_a_large_minibatch_is_estimated_from_some_rows():
+    algo = make()
+    obs = torch.randn(8 * MIRROR_ROWS, OBS, generator=torch.Generator().manual_seed(0))
+    for p in algo.net.parameters():
+        p.data += 0.1 * torch.randn(p.shape, generator=torch.Generator().manual_seed(4))
+    with torch.no_grad():
+        mean = algo.net.mean(obs)
+        whole = (algo.net.mean(obs.flip(-1)) - mirror_action(mean)).square().mean()
+        beginning = (algo.net.mean(obs[:100].flip(-1)) - mirror_action(mean[:100])).square().mean()
+        part, few = algo._mirror_loss(obs, mean), algo._mirror_loss(obs[:100], mean[:100])
+    assert part != whole and part == pytest.approx(float(whole), rel=0.05)
+    assert few == pytest.approx(float(beginning))
 
 
 def test_mirror_loss_pulls_towards_symmetry():
