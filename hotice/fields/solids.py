@@ -24,6 +24,7 @@ FAR_M = 10.0
 BLOCK = 4
 """Nodes along a block's edge: index >> 2 is that of the block."""
 _BOX, _CYLINDER, _CAPSULE, _MESH = range(4)
+_ROUNDING = 1e-9
 _BLOCK_REACH = 0.5 * math.sqrt(3.0) * (BLOCK + 1)
 """Radius in cells about a block's centre, with the outer half cells of the grid."""
 
@@ -181,11 +182,11 @@ def _fill(space):
             for k in range(space.nz):
                 x, y, z = space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
                 block = ((i >> 2) * by + (j >> 2)) * bz + (k >> 2)
-                near = sdf[node - 1] if k > 0 else np.inf
-                away = space.h if k > 0 else 0.0
-                if near >= FAR_M:
-                    near = np.inf
-                sdf[node] = _nearest(solid, triangles, nodes, start, member, block, x, y, z, near, away)
+                near = sdf[node - 1] if k > 0 else FAR_M
+                bound = _reach(near, space.h)
+                sdf[node] = _nearest(
+                    solid, triangles, nodes, start, member, block, x, y, z, bound, near > space.h and k > 0
+                )
                 node += 1
     return sdf
 
@@ -196,9 +197,8 @@ def _blocks(n):
 
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
-def _nearest(solid, triangles, nodes, start, member, block, x, y, z, near, away):
-    """Least distance of a point to the members of its block; `near` is that of a point `away` from it."""
-    bound, outside = (abs(near) + away) * (1.0 + 1e-9) + 1e-9, near > away
+def _nearest(solid, triangles, nodes, start, member, block, x, y, z, bound, outside):
+    """Least distance of a point to the members of its block, at most `bound` in size."""
     best = FAR_M
     for m in range(start[block], start[block + 1]):
         n = member[m]
@@ -213,19 +213,27 @@ def _index(u, n):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def distance_within(space, x, y, z):
-    """Exact signed distance of a point in the grid's box, cut at FAR_M."""
+def distance_within(space, x, y, z, known=0.0, away=np.inf):
+    """Exact signed distance of a point in the grid's box, cut at FAR_M; that of a point `away` from it may be `known`."""
     per_m = 1.0 / space.h
     i = _index((x - space.ox) * per_m, space.nx)
     j = _index((y - space.oy) * per_m, space.ny)
     k = _index((z - space.oz) * per_m, space.nz)
     block = ((i >> 2) * _blocks(space.ny) + (j >> 2)) * _blocks(space.nz) + (k >> 2)
     dx, dy, dz = x - space.ox - i * space.h, y - space.oy - j * space.h, z - space.oz - k * space.h
-    away = math.sqrt(dx * dx + dy * dy + dz * dz)
+    node_away = math.sqrt(dx * dx + dy * dy + dz * dz)
     near = space.sdf[(i * space.ny + j) * space.nz + k]
-    if near >= FAR_M:
-        near = np.inf
-    return _nearest(space.solid, space.triangles, space.nodes, space.start, space.member, block, x, y, z, near, away)
+    bound = min(_reach(near, node_away), abs(known) + away + _ROUNDING)
+    outside = near > node_away or known > away
+    return _nearest(
+        space.solid, space.triangles, space.nodes, space.start, space.member, block, x, y, z, bound, outside
+    )
+
+
+@numba.njit(cache=True, inline="always", error_model="numpy")
+def _reach(near, away):
+    """Bound of the distance, in size, at a point `away` from one whose distance, cut at FAR_M, is `near`."""
+    return abs(near) + away + _ROUNDING if near < FAR_M else np.inf
 
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
@@ -240,8 +248,8 @@ def distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, x, y, z):
 def normal_within(space, x, y, z, s):
     """Unit gradient of `distance_within`, which is s here, by forward differences."""
     e = 1e-6
-    gx = distance_within(space, x + e, y, z) - s
-    gy = distance_within(space, x, y + e, z) - s
-    gz = distance_within(space, x, y, z + e) - s
+    gx = distance_within(space, x + e, y, z, s, e) - s
+    gy = distance_within(space, x, y + e, z, s, e) - s
+    gz = distance_within(space, x, y, z + e, s, e) - s
     size = max(math.sqrt(gx * gx + gy * gy + gz * gz), 1e-12)
     return gx / size, gy / size, gz / size

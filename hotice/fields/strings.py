@@ -50,13 +50,14 @@ def trace(space, margin, a, b):
     t, at, lowest, last = 0.0, 0.0, math.inf, -math.inf
     stride, longest = least, _LONGEST * h
     thin = space.thinnest + 2.0 * margin < 2.0 * longest
-    touching = False
+    touching, known, away = False, 0.0, math.inf
     before = (0.0, 0.0, 0.0)
     for _ in range(_MAX_STEPS):
         x, y, z = a[0] + t * ux, a[1] + t * uy, a[2] + t * uz
         s = distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, x, y, z) - margin
         if s < near:
-            s = distance_within(space, x, y, z) - margin
+            s = distance_within(space, x, y, z, known, away) - margin
+            known = s + margin
             if s < min(lowest, last):
                 lowest, at = s, t
             level = touching and abs(s - last) < _LEVEL * stride
@@ -72,9 +73,12 @@ def trace(space, margin, a, b):
             touching = s < least
         else:
             touching, last, stride = False, math.inf, least
+            known = 0.0
         if t >= length:
             return True, at, lowest
-        t = min(t + max(abs(s), stride), length)
+        step = min(max(abs(s), stride), length - t)
+        away = step if known != 0.0 else math.inf
+        t = min(t + step, length)
     return False, at, lowest
 
 
