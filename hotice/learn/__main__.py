@@ -1,4 +1,4 @@
-"""Command line: `hotice train|evaluate|export|play|tables|benchmark|scene`, also as `python -m hotice.learn`."""
+"""Command line of hotice, also as `python -m hotice.learn`: training, students, evaluation, tables, replays, `hotice scene`."""
 
 from __future__ import annotations
 

@@ -9,7 +9,9 @@ import pytest
 
 from hotice.learn.__main__ import main
 
-COMMANDS = ("train", "evaluate", "export", "play", "tables", "benchmark")
+COMMANDS = (
+    "train", "distill", "finetune", "pipeline", "evaluate", "reproduce", "export", "play", "tables", "benchmark",
+)  # fmt: skip
 NAN, INF = float("nan"), float("inf")
 
 
