@@ -32,6 +32,7 @@ from hotice.learn.version import source_version
 from hotice.model.carry import CarryState
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Scene
+from hotice.model.shapes import MeshShape
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.config import TaskConfig
 from hotice.sim.env import TransportEnv
@@ -188,12 +189,20 @@ class Scorer:
         """What the trials depend on, JSON-ready: only trials of equal settings may be joined."""
         ignored = ("out", "threads", "policy", "scenes")
         config = {k: v for k, v in asdict(self.config).items() if k not in ignored}
-        texts = [json.dumps(s.to_dict(), sort_keys=True) for s in self.scenes]
         settings = {
             **config, "policy": policy_digest(policy), "source": source_version(),
-            "scenes": [hashlib.sha256(text.encode()).hexdigest() for text in texts],
+            "scenes": [scene_digest(scene) for scene in self.scenes],
         }  # fmt: skip
         return json.loads(json.dumps(settings))
+
+
+def scene_digest(scene: Scene) -> str:
+    """SHA-256 of a scene and of the mesh files it names."""
+    digest = hashlib.sha256(json.dumps(scene.to_dict(), sort_keys=True).encode())
+    for obstacle in scene.obstacles:
+        if isinstance(obstacle.shape, MeshShape):
+            digest.update(obstacle.shape.path.read_bytes())
+    return digest.hexdigest()
 
 
 def policy_digest(policy: Policy) -> str:

@@ -14,6 +14,7 @@ from hotice.learn.evaluate import (
     evaluate,
     evaluation_task,
     policy_digest,
+    scene_digest,
     score_block,
 )
 from hotice.learn.policy import load_policy
@@ -23,7 +24,7 @@ from hotice.model import Box, load_scene
 from hotice.model.builder import HIT_SENSORS
 from hotice.model.carry import solve_carry
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape, CylinderShape
+from hotice.model.shapes import BoxShape, CylinderShape, MeshShape
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 
@@ -266,6 +267,16 @@ def test_the_digest_of_a_policy_tells_what_it_says_and_does(standing):
         policy_digest(p) for p in (standing, Leaning(standing.meta), Standing(standing.meta | {"preset": "dual_sgf"}))
     }
     assert len(digests) == 3 and policy_digest(standing) in digests
+
+
+def test_the_digest_of_a_scene_covers_its_meshes(tmp_path):
+    mesh = tmp_path / "wedge.obj"
+    corners = "v 0 0 0\nv 0.3 0 0\nv 0 0.3 0\nv 0 0 {}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    digests = []
+    for height in (0.4, 0.4, 0.5):
+        mesh.write_text(corners.format(height))
+        digests.append(scene_digest(blocked((1.0, 0.0, 0.0), MeshShape("wedge.obj", 1.0, tmp_path))))
+    assert digests[0] == digests[1] != digests[2] and scene_digest(near(0.04)) != scene_digest(near(0.05))
 
 
 def test_blocks_draw_their_own_random_numbers():
