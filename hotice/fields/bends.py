@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 
-import numba
-
+from hotice.compiled import compiled
 from hotice.fields.solids import distance_within, normal_within
 
 WIDTH = 11
@@ -20,13 +19,13 @@ _LEAST_TURN = 0.005
 """Sine of the angle between the normals on both sides of a bend, below which it counts as no edge."""
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def source(p, d):
     """The row of a point that lies d from the goal."""
     return (p[0], p[1], p[2], p[0], p[1], p[2], 0.0, 0.0, 0.0, 0.0, d)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def reach(row, x):
     """(value, b): length of the path over the bend to x, and where it bends for x."""
     rx, ry, rz = x[0] - row[0], x[1] - row[1], x[2] - row[2]
@@ -40,13 +39,13 @@ def reach(row, x):
     return row[10] + math.sqrt(flat * flat + t * t), (row[0] + shift * ex, row[1] + shift * ey, row[2] + shift * ez)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def moved(row, b):
     """The row with its bend at another point of the edge."""
     return (b[0], b[1], b[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def on_edge(space, margin, row, b):
     """Whether the bend may slide to b: it lies on the inflated obstacles still."""
     if row[9] == 0.0:
@@ -54,7 +53,7 @@ def on_edge(space, margin, row, b):
     return abs(distance_within(space, b[0], b[1], b[2]) - margin) < 0.05 * space.h
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def extend(space, margin, row, b, x):
     """The row of a path that bends at row's bend, then at b, and goes on towards x."""
     a = (row[0], row[1], row[2])
@@ -75,7 +74,7 @@ def extend(space, margin, row, b, x):
     return (b[0], b[1], b[2], o[0], o[1], o[2], ex, ey, ez, flat, d)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _edge(space, a, b, x):
     """Unit vector along the edge on which the string a-b-x bends, 0 where the wall is smooth.
 
@@ -95,7 +94,7 @@ def _edge(space, a, b, x):
     return edge
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _towards(a, b):
     """Unit vector from a to b."""
     x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -103,7 +102,7 @@ def _towards(a, b):
     return x / size, y / size, z / size
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _normal(space, b, u):
     """Normal at a tenth of a cell from b along u."""
     f = 0.1 * space.h

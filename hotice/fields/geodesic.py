@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.compiled import compiled
 from hotice.fields.bends import WIDTH, reach, source
 from hotice.fields.solids import BLOCK, Space, distance_bound, distance_within
 from hotice.fields.strings import DEPTH_PER_M, distance, join, pull, trace
@@ -57,7 +57,7 @@ def _entry(space: Space, margin_m: float, goal_W: NDArray[np.float64]) -> tuple[
     return tuple(p_W[nearest].tolist()), float(away[nearest])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _march(space, margin, goal, start):
     """`solve_geodesic` from a free point `goal` that lies `start` from the true one."""
     size = len(space.sdf)
@@ -100,14 +100,14 @@ def _march(space, margin, goal, start):
     return dist, gradient
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _position(space, node):
     i, k = node // (space.ny * space.nz), node % space.nz
     j = node // space.nz - i * space.ny
     return space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _visible(space, margin, goal):
     """Which nodes see the goal, (size,): whole blocks at once, or by halves where walls come near their beams."""
     nx, ny, nz = space.nx, space.ny, space.nz
@@ -134,7 +134,7 @@ def _visible(space, margin, goal):
     return seen
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _beam(space, margin, goal, i, j, k, width):
     """1: certainly all nodes of a block see the goal, -1: none does, 0: undecided.
 
@@ -163,7 +163,7 @@ def _beam(space, margin, goal, i, j, k, width):
     return verdict
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _neighbour(space, node, side):
     """Node beyond side 0 .. 5 of a node, -1 outside the grid."""
     sx, sy = space.ny * space.nz, space.nz
@@ -182,7 +182,7 @@ def _neighbour(space, node, side):
     return node + 1 if k < space.nz - 1 else -1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _spread(space, margin, node, dist, bend, certain, known, heap, slot, count):
     """Queues the neighbours of a known node by the straight way to its bend; returns the length of the heap."""
     slack = _SLACK_PER_M * space.h * space.h
@@ -201,7 +201,7 @@ def _spread(space, margin, node, dist, bend, certain, known, heap, slot, count):
     return count
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _evaluate(space, margin, node, dist, bend, known):
     """Length of the shortest path of `node` by way of its known neighbours; inf without any.
 
@@ -247,19 +247,19 @@ def _evaluate(space, margin, node, dist, bend, known):
     return min(best, step)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _get(bend, n):
     b = bend[n]
     return (b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10])
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _set(bend, n, row):
     for i in range(WIDTH):
         bend[n, i] = row[i]
 
 
-@numba.njit(cache=True)
+@compiled
 def _sift_up(heap, slot, dist, node):
     i = slot[node]
     while i > 0:
@@ -273,7 +273,7 @@ def _sift_up(heap, slot, dist, node):
     slot[node] = i
 
 
-@numba.njit(cache=True)
+@compiled
 def _sift_down(heap, slot, dist, count, node):
     i = 0
     while True:

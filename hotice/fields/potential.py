@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
-
+from hotice.compiled import compiled
 from hotice.errors import InvalidConfig
 
 
@@ -56,7 +55,7 @@ def f_rep(s, params: FieldParams):
     return xi * (1.0 / s - 1.0 / d0) / s**2
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def f_rep_scalar(s, d0, xi, s_min):
     """`f_rep` of one number, for compiled code."""
     s = min(max(s, s_min), d0)

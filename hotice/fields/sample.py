@@ -15,6 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.compiled import compiled
 from hotice.fields.potential import FieldParams, f_rep_scalar
 from hotice.fields.volumes import SLOPE_STEP, Volumes
 
@@ -22,7 +23,7 @@ PARALLEL_FROM = 2_000
 """Fewer points than this run on one thread, where starting threads would cost more."""
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _clamp(u, n):
     """Into the box [-0.5, n - 0.5]; NaN passes."""
     if u < -0.5:
@@ -30,13 +31,13 @@ def _clamp(u, n):
     return n - 0.5 if u > n - 0.5 else u
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _lower(u, n):
     """Lower node of the cell that interpolates (or, in the outer half cells, extrapolates) u; 0 for NaN."""
     return min(int(u), n - 2) if u >= 0.0 else 0
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _distance(sdf, start, nx, ny, nz, ux, uy, uz):
     """Trilinear signed distance; `start` is the flat index of the scene's first node."""
     i, j, k = _lower(ux, nx), _lower(uy, ny), _lower(uz, nz)
@@ -110,10 +111,10 @@ def _field_kernel(
         geodesic[n, q] = g * step[s]
 
 
-_distance_one: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(_distance_kernel)
-_distance_many: Any = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)(_distance_kernel)
-_field_one: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(_field_kernel)
-_field_many: Any = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)(_field_kernel)
+_distance_one: Any = compiled(nogil=True, error_model="numpy")(_distance_kernel)
+_distance_many: Any = compiled(nogil=True, error_model="numpy", parallel=True)(_distance_kernel)
+_field_one: Any = compiled(nogil=True, error_model="numpy")(_field_kernel)
+_field_many: Any = compiled(nogil=True, error_model="numpy", parallel=True)(_field_kernel)
 
 
 def sample_distance(volumes: Volumes, ids: NDArray[np.int64], p_W: NDArray[np.floating], out: NDArray) -> None:

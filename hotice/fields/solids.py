@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.compiled import compiled
 from hotice.fields.grid import Grid
 from hotice.model import bvh
 from hotice.model.frames import quat_to_mat
@@ -102,7 +102,7 @@ def _thickness(shape: Any) -> float:
     return 2.0 * min(size[:2]) if kind == _CYLINDER else 2.0 * size[0]
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def solid_distance(solid, triangles, nodes, n, x, y, z, bound, outside):
     """Exact signed distance of a point in W to obstacle n; of a mesh, `bound` when it is farther than that.
 
@@ -133,14 +133,14 @@ def solid_distance(solid, triangles, nodes, n, x, y, z, bound, outside):
     return d
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def ball_is_beyond(solid, n, x, y, z, best):
     """Whether all of obstacle n is certainly farther than `best` >= -radius, by its bounding ball."""
     dx, dy, dz, reach = x - solid[n, 16], y - solid[n, 17], z - solid[n, 18], best + solid[n, 19]
     return dx * dx + dy * dy + dz * dz > reach * reach
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _block_members(space):
     solid, h = space.solid, space.h
     bx, by, bz = _blocks(space.nx), _blocks(space.ny), _blocks(space.nz)
@@ -171,7 +171,7 @@ def _block_members(space):
     return start, member[:used].copy()
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _fill(space):
     solid, triangles, nodes, start, member = space.solid, space.triangles, space.nodes, space.start, space.member
     by, bz = _blocks(space.ny), _blocks(space.nz)
@@ -191,12 +191,12 @@ def _fill(space):
     return sdf
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _blocks(n):
     return (n + BLOCK - 1) >> 2
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _nearest(solid, triangles, nodes, start, member, block, x, y, z, bound, outside):
     """Least distance of a point to the members of its block, at most `bound` in size."""
     best = FAR_M
@@ -207,12 +207,12 @@ def _nearest(solid, triangles, nodes, start, member, block, x, y, z, bound, outs
     return best
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _index(u, n):
     return min(max(int(u + 0.5), 0), n - 1)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def distance_within(space, x, y, z, known=0.0, away=np.inf):
     """Exact signed distance of a point in the grid's box, cut at FAR_M; that of a point `away` from it may be `known`."""
     per_m = 1.0 / space.h
@@ -230,13 +230,13 @@ def distance_within(space, x, y, z, known=0.0, away=np.inf):
     )
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _reach(near, away):
     """Bound of the distance, in size, at a point `away` from one whose distance, cut at FAR_M, is `near`."""
     return abs(near) + away + _ROUNDING if near < FAR_M else np.inf
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, x, y, z):
     """Lower bound of `distance_within` from the nearest node: its distance less the way to it."""
     i, j, k = _index((x - ox) / h, nx), _index((y - oy) / h, ny), _index((z - oz) / h, nz)
@@ -244,7 +244,7 @@ def distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, x, y, z):
     return sdf[(i * ny + j) * nz + k] - math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def normal_within(space, x, y, z, s):
     """Unit gradient of `distance_within`, which is s here, by forward differences."""
     e = 1e-6

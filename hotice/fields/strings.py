@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-import numba
-
+from hotice.compiled import compiled
 from hotice.fields.bends import extend, moved, on_edge, reach
 from hotice.fields.solids import distance_bound, distance_within, normal_within
 
@@ -29,13 +28,13 @@ _HALVINGS = 7
 _MAX_BENDS = 12
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def distance(a, b):
     """|a - b| of two triples."""
     return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def trace(space, margin, a, b):
     """(free, at, s) of the segment a-b among obstacles inflated by `margin`.
 
@@ -82,7 +81,7 @@ def trace(space, margin, a, b):
     return False, at, lowest
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def graze(space, margin, a, y, x):
     """(found, b): where the string from a to the last point of y-x that a sees touches the wall; a sees y, not x."""
     low, high = 0.0, 1.0
@@ -109,7 +108,7 @@ def graze(space, margin, a, y, x):
     return True, (px - s * nx, py - s * ny, pz - s * nz)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def join(space, margin, row, x, best):
     """(value, row) of the path over the bend of `row` straight to x: inf when a wall hides it or best is shorter."""
     value, b = reach(row, x)
@@ -120,7 +119,7 @@ def join(space, margin, row, x, best):
     return math.inf, row
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def pull(space, margin, row, y, x, best):
     """(value, row) of the string over the bend of `row`, which y sees, past further bends near y-x to x.
 

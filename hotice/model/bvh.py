@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from hotice.compiled import compiled
 
 _LEAF = 8
 _FAR = 2.0
@@ -50,7 +51,7 @@ class Tree(NamedTuple):
         ]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _build(corners):
     count = len(corners)
     centre = np.empty((count, 3))
@@ -82,7 +83,7 @@ def _build(corners):
     return corners[order], nodes[:size].copy()
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _summarise(corners, centre, area, part, node):
     node[:3], node[3:6] = np.inf, -np.inf
     total = 0.0
@@ -100,7 +101,7 @@ def _summarise(corners, centre, area, part, node):
             node[14] = max(node[14], math.sqrt(((corners[t, i] - node[8:11]) ** 2).sum()))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def closest(triangles, nodes, root, x, y, z, bound):
     """Distance from a point to the mesh at `root`, or `bound` when that is smaller."""
     best = bound * bound
@@ -130,7 +131,7 @@ def closest(triangles, nodes, root, x, y, z, bound):
     return math.sqrt(best)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def inside(triangles, nodes, root, x, y, z):
     """Whether the winding number of the mesh at `root` about a point is above one half in size."""
     box = nodes[root]
@@ -159,7 +160,7 @@ def inside(triangles, nodes, root, x, y, z):
     return abs(total) > 2.0 * math.pi
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _box_squared(nodes, n, x, y, z):
     dx = max(nodes[n, 0] - x, 0.0, x - nodes[n, 3])
     dy = max(nodes[n, 1] - y, 0.0, y - nodes[n, 4])
@@ -167,7 +168,7 @@ def _box_squared(nodes, n, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@numba.njit(cache=True)
+@compiled
 def _triangle_squared(triangles, t, x, y, z):
     """Squared distance to a triangle: to its plane where the foot lies inside, else to the nearest edge."""
     ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
@@ -194,7 +195,7 @@ def _triangle_squared(triangles, t, x, y, z):
     return best
 
 
-@numba.njit(cache=True)
+@compiled
 def _solid_angle(triangles, t, x, y, z):
     """Of a triangle about the point, signed (van Oosterom and Strackee 1983)."""
     ax, ay, az = triangles[t, 0, 0] - x, triangles[t, 0, 1] - y, triangles[t, 0, 2] - z
@@ -208,14 +209,14 @@ def _solid_angle(triangles, t, x, y, z):
     return 2.0 * math.atan2(triple, a * b * c + ab * c + bc * a + ca * b)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def signed_distance(triangles, nodes, root, x, y, z):
     """Of a point to the mesh at `root`, negative inside."""
     d = closest(triangles, nodes, root, x, y, z, np.inf)
     return -d if inside(triangles, nodes, root, x, y, z) else d
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def signed_distances(triangles, nodes, p):
     """`signed_distance` of points (n, 3) to the first mesh, (n,)."""
     return np.array([signed_distance(triangles, nodes, 0, p[n, 0], p[n, 1], p[n, 2]) for n in range(len(p))])

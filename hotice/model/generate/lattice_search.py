@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hotice.compiled import compiled
 from hotice.model.generate.envelope import CORE, FEET, POSTURES, SHINS, Envelope
 
 HEADINGS = (
@@ -140,7 +140,7 @@ def _fill_strides(node: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate(filled)
 
 
-@njit(cache=True)
+@compiled
 def _sample(distance, x, y, z):
     """Trilinear value at a position in units of cells, held constant beyond the border."""
     nx, ny, nz = distance.shape
@@ -154,7 +154,7 @@ def _sample(distance, x, y, z):
     return a * (1 - u) + b * u
 
 
-@njit(cache=True)
+@compiled
 def _block_clearance(room, i, j, k, block):
     """Least distance of a block to the obstacles [m], at most `CAP_M`; some value below the margin when it is less."""
     least = room.known[i, j, k, block]
@@ -174,7 +174,7 @@ def _block_clearance(room, i, j, k, block):
     return least
 
 
-@njit(cache=True)
+@compiled
 def _upper_clearance(room, i, j, k, p):
     """Clearance of everything but the feet in posture p."""
     least = _block_clearance(room, i, j, k, SHINS)
@@ -184,17 +184,17 @@ def _upper_clearance(room, i, j, k, p):
     return least
 
 
-@njit(cache=True)
+@compiled
 def _stands(room, i, j, k):
     return _block_clearance(room, i, j, k, FEET) >= room.margin
 
 
-@njit(cache=True)
+@compiled
 def _inside(room, i, j):
     return 0 <= i < room.known.shape[0] and 0 <= j < room.known.shape[1]
 
 
-@njit(cache=True)
+@compiled
 def _core_distance(room, core, moves, goal, radius):
     """Way to within `radius` of the goal for what all postures share, (nx, ny) [m]: a lower bound; inf without a way."""
     nx, ny = room.known.shape[:2]
@@ -225,7 +225,7 @@ def _core_distance(room, core, moves, goal, radius):
     return length
 
 
-@njit(cache=True)
+@compiled
 def _common(room, i, j, k, x, y, n):
     """The least posture that is free at both of two states, and its clearance at the second; -1 if there is none."""
     if not _inside(room, x, y) or not _stands(room, x, y, n):
@@ -238,7 +238,7 @@ def _common(room, i, j, k, x, y, n):
     return -1, 0.0
 
 
-@njit(cache=True)
+@compiled
 def _stride(room, move, i, j, k):
     """Steps straight ahead to the next foothold in reach, and the least posture free all along; (0, -1) if none."""
     for n in range(2, int(STRIDE_M / (math.hypot(move[0], move[1]) * room.h) + 1e-9) + 1):
@@ -256,7 +256,7 @@ def _stride(room, move, i, j, k):
     return 0, -1
 
 
-@njit(cache=True)
+@compiled
 def _search(room, effort, moves, start, rest):
     """A* over place and heading: whether the goal was reached, and the states to it or to the nearest place."""
     nx, ny, headings = room.known.shape[:3]
@@ -306,7 +306,7 @@ def _search(room, effort, moves, start, rest):
     return nearest == 0.0, np.array(path[::-1])
 
 
-@njit(cache=True)
+@compiled
 def _postures(room, effort, changes, node, stands):
     """The cheapest free postures along a path, (n,), changed by single free steps, not amid strides; -1 where none is."""
     count, postures = len(node), len(effort)

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.compiled import compiled
 from hotice.errors import InvalidMap
 from hotice.model.frames import quat_from_axis_angle, quat_to_mat
 
@@ -133,7 +133,7 @@ def _no_floor(reason: str) -> InvalidMap:
     )
 
 
-@numba.njit(cache=True)
+@compiled
 def _try_planes(p, triples, band, cos_max_tilt):
     """For planes through triples of points: how many points lie within `band` (0 for steep planes), and the normals."""
     counts = np.zeros(len(triples), dtype=np.int64)

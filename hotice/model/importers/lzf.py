@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from hotice.compiled import compiled
 from hotice.errors import InvalidMap
 
 MAX_RATIO = 88
@@ -23,7 +23,7 @@ def decompress(packed: bytes, size: int) -> bytes:
     return out.tobytes()
 
 
-@numba.njit(cache=True)
+@compiled
 def _decompress(packed, out):
     """Bytes written, or -1 when a run leaves `packed` or `out`.
 

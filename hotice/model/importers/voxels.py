@@ -10,10 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import cast
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+
+from hotice.compiled import compiled
 
 Points = NDArray[np.float64]
 FRINGE_SHARE = 0.4
@@ -112,7 +113,7 @@ def column_extent(solid: NDArray[np.bool_], box: NDArray[np.int64]) -> tuple[int
     return int(bottom), int(top)
 
 
-@numba.njit(cache=True)
+@compiled
 def _cover(solid):
     orders = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
     covered = np.zeros(solid.shape, dtype=np.bool_)
@@ -136,7 +137,7 @@ def _cover(solid):
     return boxes[:found].copy()
 
 
-@numba.njit(cache=True)
+@compiled
 def _grown(solid, box, order):
     for axis in order:
         for end, step in ((axis, -1), (axis + 3, 1)):
