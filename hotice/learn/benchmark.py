@@ -82,7 +82,7 @@ def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
         "preset": config.preset,
         "source": source_version(),
     }
-    console = Console(width=None if Console().is_terminal else 130)
+    console = Console(width=None if Console().is_terminal else 150)
     with Live(_table(sizes, config), console=console, auto_refresh=False) as live:
         for num_envs in config.num_envs:
             runner = Runner(config.training(num_envs))
