@@ -17,7 +17,7 @@ def test_functions_compile_and_keep_their_options():
 
 
 def test_the_cache_lies_in_a_folder_of_this_state_of_the_sources(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     module._cache_folder.cache_clear()
     try:
         before = config.CACHE_DIR
@@ -42,7 +42,7 @@ def test_another_source_is_another_folder(tmp_path, monkeypatch):
 def test_without_a_home_each_process_compiles_for_itself(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(blocked))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     module._cache_folder.cache_clear()
     try:
         folder = module._cache_folder()
