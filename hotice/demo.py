@@ -65,8 +65,9 @@ def run(config: DemoConfig) -> None:
     report = config.out / "report.json"
     evaluate(
         EvaluateConfig(
-            policy=config.policy, scenes=config.scenes, rollouts=config.rollouts, seed=config.seed, out=report
-        )
+            policy=config.policy, scenes=config.scenes, rollouts=config.rollouts, seed=config.seed, out=report,
+            perturbed=False,
+        )  # fmt: skip
     )
     boxes = [Box((0.30, 0.30, 0.30), 1.5), Box((0.25, 0.38, 0.22), 2.5), Box((0.22, 0.25, 0.35), 3.0)]
     states = [solve_carry(box) for box in boxes[: config.shown]]
