@@ -65,7 +65,11 @@ def run(config: DemoConfig) -> None:
     report = config.out / "report.json"
     evaluate(
         EvaluateConfig(
-            policy=config.policy, scenes=config.scenes, rollouts=config.rollouts, seed=config.seed, out=report,
+            policy=config.policy,
+            scenes=config.scenes,
+            rollouts=config.rollouts,
+            seed=config.seed,
+            out=report,
             perturbed=False,
         )  # fmt: skip
     )
