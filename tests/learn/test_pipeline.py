@@ -342,7 +342,7 @@ def test_a_node_of_a_ray_cluster_dies(write, tiny, tmp_path, monkeypatch):
             return super().ended()
 
     monkeypatch.setattr(module, "make_workers", lambda config: Unlucky(config.cluster))
-    path = write(training(updates=8))
+    path = write(training(updates=30))
     try:
         assert run_pipeline(PipelineConfig(config=path, cluster=cluster.address))
     finally:
@@ -352,4 +352,4 @@ def test_a_node_of_a_ray_cluster_dies(write, tiny, tmp_path, monkeypatch):
         cluster.shutdown()
     rows = json.loads((tmp_path / "out" / STATUS).read_text())["jobs"]
     assert [(r["state"], r["attempts"]) for r in rows] == [("done", 2), ("done", 1)]
-    assert is_like_undisturbed(load_pipeline(path).jobs[0], tiny, tmp_path / "whole", 8)
+    assert is_like_undisturbed(load_pipeline(path).jobs[0], tiny, tmp_path / "whole", 30)

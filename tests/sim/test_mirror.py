@@ -113,8 +113,8 @@ def test_observation_of_the_mirrored_state_is_the_mirrored_observation(pair):
     offset = 0
     for name, width in CRITIC.layout():
         part = slice(offset, offset + width)
-        # the grid is solved anew in the reflected scene: its marching order differs
-        atol = 1e-2 if name in ("sgf", "ogf", "command") else 1e-4
+        # the grid is solved anew in the reflected scene: its marching order differs, and F is stiff at walls
+        atol = 2e-2 if name in ("sgf", "ogf", "command") else 1e-4
         torch.testing.assert_close(
             b[:, part], mirrored[:, part], atol=atol, rtol=1e-4, msg=lambda m, n=name: f"{n}: {m}"
         )

@@ -113,7 +113,7 @@ def test_a_late_action_reaches_the_motors_part_way(make_env):
     held = env.held.clone()
     applied = []
     step = env.physics._step
-    env.physics._step = lambda n: (applied.append(env.physics.ctrl.clone()), step(n))
+    env.physics._step = lambda *a: (applied.append(env.physics.ctrl.clone()), step(*a))
     action = torch.ones(5, 20)
     env.step(action)
     target = env.held.double()
