@@ -149,7 +149,8 @@ def export_onnx(policy: TorchPolicy, path: Path) -> Path:
         )  # fmt: skip
     assert program is not None
     model = program.model_proto
-    del model.metadata_props[:]
+    for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.initializer):
+        del part.metadata_props[:]  # torch notes where on this machine each operation was written
     meta = {**policy.meta, "sha256": _hash(model, policy.meta)}
     model.metadata_props.append(onnx.StringStringEntryProto(key=KEY, value=json.dumps(meta)))
     buffer = io.BytesIO()

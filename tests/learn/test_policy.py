@@ -35,6 +35,10 @@ def test_one_file_that_plain_onnxruntime_runs(onnx_file):
     assert session.run(None, {"observation": np.zeros((3, size), np.float32)})[0].shape == (3, 20)
 
 
+def test_it_does_not_tell_where_it_was_written(onnx_file):
+    assert b"site-packages" not in onnx_file.read_bytes() and b"networks.py" not in onnx_file.read_bytes()
+
+
 def test_it_describes_itself(onnx_file, run):
     meta = load_policy(onnx_file).meta
     assert meta["format"] == FORMAT and meta["preset"] == "dual_hodpf"
