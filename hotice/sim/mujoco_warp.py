@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Callable, Sequence
 
@@ -50,8 +49,7 @@ class MujocoWarp:
         self.num_envs = num_envs
         self.device = torch.device(device)
         self.models = list(models)
-        first = copy.copy(self.models[0])
-        first.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # there is none to disable
+        first = self.models[0]
         if mujoco.mj_name2id(first, mujoco.mjtObj.mjOBJ_SENSOR, HIT_SENSORS[0]) >= 0:
             raise InvalidConfig("models with obstacles need the backend 'mujoco': MuJoCo Warp here steps training only")
         differing = [name for name in differing_fields(self.models) if name not in _NOT_SIMULATED]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
+from hotice.files import write_text
 from hotice.model.obj_text import absolute_indices
 
 Points = NDArray[np.float64]
@@ -110,7 +111,7 @@ def walkable(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def export_obj(path: Path, vertices: Points, faces: NDArray[np.int64]) -> None:
-    """Writes a mesh as OBJ with full precision."""
+    """Writes a mesh as OBJ with full precision. Raises `OutputError`."""
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
-    path.write_text("\n".join(lines) + "\n")
+    write_text(path, "\n".join(lines) + "\n")
