@@ -15,8 +15,17 @@ from hotice.fields.solids import distance_within, normal_within
 
 WIDTH = 11
 _PARALLEL = 0.9995
-_LEAST_TURN = 0.005
-"""Sine of the angle between the normals on both sides of a bend, below which it counts as no edge."""
+_SIMILAR = 0.9
+_LEAST_TURN_PER_M = 0.05
+"""Sine of the angle between the normals on both sides of a bend over h, below which it counts as no edge [1/m]."""
+_LIFT_PER_M = 1.25
+"""How far a sliding bend may leave the wall, over h^2 [1/m]."""
+
+
+@compiled(inline="always", error_model="numpy")
+def distance(a, b):
+    """|a - b| of two triples."""
+    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 @compiled(inline="always", error_model="numpy")
@@ -50,28 +59,27 @@ def on_edge(space, margin, row, b):
     """Whether the bend may slide to b: it lies on the inflated obstacles still."""
     if row[9] == 0.0:
         return True
-    return abs(distance_within(space, b[0], b[1], b[2]) - margin) < 0.05 * space.h
+    return abs(distance_within(space, b[0], b[1], b[2]) - margin) < _LIFT_PER_M * space.h * space.h
 
 
 @compiled(nogil=True, error_model="numpy")
 def extend(space, margin, row, b, x):
-    """The row of a path that bends at row's bend, then at b, and goes on towards x."""
-    a = (row[0], row[1], row[2])
-    value, _ = reach(row, b)
-    ax, ay, az = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    """The row of a path that bends at row's bend, then at b, and goes on towards x.
+
+    Sideways the wave about the path has the radius of its whole way across edges that are parallel, of the way from the
+    last bend across one at a right angle (Euler's formula in between).
+    """
+    value, a = reach(row, b)
     ex, ey, ez = _edge(space, a, b, x)
     if ex == 0.0 and ey == 0.0 and ez == 0.0:
         return source(b, value)
-    cosine = ex * row[6] + ey * row[7] + ez * row[8]
-    if abs(cosine) > _PARALLEL:
-        ex, ey, ez = row[6], row[7], row[8]
-        o, d, before = (row[3], row[4], row[5]), row[10], row[9]
-    else:
-        o, before = a, 0.0
-        d, _ = reach(row, a)
-    along = ax * ex + ay * ey + az * ez
-    flat = before + math.sqrt(max(ax * ax + ay * ay + az * az - along * along, 0.0))
-    return (b[0], b[1], b[2], o[0], o[1], o[2], ex, ey, ez, flat, d)
+    last, whole = max(distance(a, b), 1e-9), max(value - row[10], 1e-9)
+    aligned = (ex * row[6] + ey * row[7] + ez * row[8]) ** 2
+    radius = 1.0 / (aligned / whole + (1.0 - aligned) / last)
+    cosine = ((b[0] - a[0]) * ex + (b[1] - a[1]) * ey + (b[2] - a[2]) * ez) / last
+    t = radius * cosine
+    flat = radius * math.sqrt(max(1.0 - cosine * cosine, 0.0))
+    return (b[0], b[1], b[2], b[0] - t * ex, b[1] - t * ey, b[2] - t * ez, ex, ey, ez, flat, value - radius)
 
 
 @compiled(nogil=True, error_model="numpy")
@@ -84,7 +92,7 @@ def _edge(space, a, b, x):
     u, v = _towards(a, b), _towards(b, x)
     w = _towards(v, u)
     k = _normal(space, b, w)
-    best, edge = _LEAST_TURN, (0.0, 0.0, 0.0)
+    best, edge = _LEAST_TURN_PER_M * space.h, (0.0, 0.0, 0.0)
     for side in range(2):
         n = _normal(space, b, v if side else (-u[0], -u[1], -u[2]))
         ex, ey, ez = k[1] * n[2] - k[2] * n[1], k[2] * n[0] - k[0] * n[2], k[0] * n[1] - k[1] * n[0]
@@ -106,5 +114,4 @@ def _towards(a, b):
 def _normal(space, b, u):
     """Normal at a tenth of a cell from b along u."""
     f = 0.1 * space.h
-    x, y, z = b[0] + f * u[0], b[1] + f * u[1], b[2] + f * u[2]
-    return normal_within(space, x, y, z, distance_within(space, x, y, z))
+    return normal_within(space, b[0] + f * u[0], b[1] + f * u[1], b[2] + f * u[2])

@@ -25,7 +25,7 @@ from hotice.files import make_folder, write_bytes
 from hotice.model.scene import Scene
 from hotice.model.shapes import MeshShape
 
-SOLVER = "hotice-field/3"
+SOLVER = "hotice-field/4"
 """Changes whenever equal scenes may give other values."""
 _HEADER_BYTES = 4096
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from hotice.compiled import compiled
 from hotice.fields.bends import WIDTH, reach, source
-from hotice.fields.solids import BLOCK, Space, distance_bound, distance_within
-from hotice.fields.strings import DEPTH_PER_M, distance, join, pull, trace
+from hotice.fields.segments import blocker, distance
+from hotice.fields.shadows import FREE_M, see_goal
+from hotice.fields.solids import Space, distance_within
+from hotice.fields.strings import join, pull
 
-_FREE_M = 1e-6
-"""Nodes closer to an obstacle than this count as inside."""
 _SLACK_PER_M = 1.0
 """A path longer than the straight way to its bend by less than this times h^2 is not improved."""
 
@@ -45,9 +45,9 @@ def solve_geodesic(
 def _entry(space: Space, margin_m: float, goal_W: NDArray[np.float64]) -> tuple[tuple[float, float, float], float]:
     """Where paths end and how far that is from the goal; inf when all is wall."""
     x, y, z = goal_W.tolist()
-    if distance_within(space, x, y, z) - margin_m > _FREE_M:
+    if distance_within(space, x, y, z) - margin_m > FREE_M:
         return (x, y, z), 0.0
-    free = np.flatnonzero(space.sdf - margin_m > _FREE_M)
+    free = np.flatnonzero(space.sdf - margin_m > FREE_M)
     if not len(free):
         return (x, y, z), math.inf
     index = np.stack(np.unravel_index(free, (space.nx, space.ny, space.nz)), axis=-1)
@@ -62,24 +62,39 @@ def _march(space, margin, goal, start):
     """`solve_geodesic` from a free point `goal` that lies `start` from the true one."""
     size = len(space.sdf)
     dist = np.full(size, np.inf)
-    bend = np.zeros((size, WIDTH))
-    first = source(goal, start)
-    known = _visible(space, margin, goal)
+    rows = np.empty((1024, WIDTH))
+    _set(rows, 0, source(goal, start))
+    used = 1
+    row_of = np.zeros(size, np.int32)
+    known = see_goal(space, margin, goal)
+    waiting = 0
     for node in range(size):
         if known[node]:
             dist[node] = start + distance(goal, _position(space, node))
-            _set(bend, node, first)
-    heap = np.empty(size, np.int64)
-    slot = np.full(size, -1, np.int64)
-    certain = np.zeros(size, np.bool_)
+        elif space.sdf[node] - margin > FREE_M:
+            waiting += 1
+    heap = np.empty(waiting, np.int32)
+    slot = np.full(size if waiting else 0, -1, np.int32)
+    certain = np.zeros(size if waiting else 0, np.bool_)
     count = 0
-    for node in range(size):
-        if known[node]:
-            count = _spread(space, margin, node, dist, bend, certain, known, heap, slot, count)
+    if waiting:
+        for node in range(size):
+            if not known[node] and space.sdf[node] - margin > FREE_M and _beside(space, node, known):
+                dist[node] = start + distance(goal, _position(space, node))
+                slot[node] = count
+                count += 1
+                _sift_up(heap, slot, dist, node)
     while count > 0:
         node = heap[0]
         if not certain[node]:
-            dist[node] = _evaluate(space, margin, node, dist, bend, known)
+            if used == len(rows):
+                rows = np.concatenate((rows, np.empty_like(rows)))
+            dist[node], row, new = _evaluate(space, margin, node, dist, rows, row_of, known)
+            if row < 0:
+                _set(rows, used, new)
+                row = used
+                used += 1
+            row_of[node] = row
             certain[node] = True
             _sift_down(heap, slot, dist, count, node)
             continue
@@ -89,15 +104,26 @@ def _march(space, margin, goal, start):
             _sift_down(heap, slot, dist, count, heap[count])
         if dist[node] < np.inf:
             known[node] = True
-            count = _spread(space, margin, node, dist, bend, certain, known, heap, slot, count)
-    gradient = np.zeros((size, 3))
-    for node in range(size):
-        p = _position(space, node)
-        away = distance(p, bend[node])
-        if known[node] and away > 0.0:
-            for axis in range(3):
-                gradient[node, axis] = (p[axis] - bend[node, axis]) / away
-    return dist, gradient
+            count = _spread(space, margin, node, dist, _get(rows, row_of[node]), certain, known, heap, slot, count)
+    return dist, _slopes(space, dist, rows, row_of)
+
+
+@compiled(nogil=True, error_model="numpy")
+def _slopes(space, dist, rows, row_of):
+    """Gradient of the distance, (size, 3): away from the bend."""
+    gradient = np.zeros((len(dist), 3))
+    for node in range(len(dist)):
+        if dist[node] < np.inf:
+            p = _position(space, node)
+            b = (rows[0, 0], rows[0, 1], rows[0, 2])
+            if row_of[node] > 0:
+                b = reach(_get(rows, row_of[node]), p)[1]
+            away = distance(p, b)
+            if away > 0.0:
+                gradient[node, 0] = (p[0] - b[0]) / away
+                gradient[node, 1] = (p[1] - b[1]) / away
+                gradient[node, 2] = (p[2] - b[2]) / away
+    return gradient
 
 
 @compiled(inline="always", error_model="numpy")
@@ -105,62 +131,6 @@ def _position(space, node):
     i, k = node // (space.ny * space.nz), node % space.nz
     j = node // space.nz - i * space.ny
     return space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
-
-
-@compiled(nogil=True, error_model="numpy")
-def _visible(space, margin, goal):
-    """Which nodes see the goal, (size,): whole blocks at once, or by halves where walls come near their beams."""
-    nx, ny, nz = space.nx, space.ny, space.nz
-    seen = np.zeros(len(space.sdf), np.bool_)
-    stack = [(i, j, k, BLOCK) for i in range(0, nx, BLOCK) for j in range(0, ny, BLOCK) for k in range(0, nz, BLOCK)]
-    while len(stack):
-        i, j, k, width = stack.pop()
-        if i >= nx or j >= ny or k >= nz:
-            continue
-        if width == 1:
-            node = (i * ny + j) * nz + k
-            if space.sdf[node] - margin > _FREE_M:
-                seen[node] = trace(space, margin, goal, _position(space, node))[0]
-            continue
-        verdict = _beam(space, margin, goal, i, j, k, width)
-        if verdict > 0:
-            for a in range(i, min(i + width, nx)):
-                for b in range(j, min(j + width, ny)):
-                    seen[(a * ny + b) * nz + k : (a * ny + b) * nz + min(k + width, nz)] = True
-        elif verdict == 0:
-            half = width // 2
-            for part in range(8):
-                stack.append((i + half * (part >> 2), j + half * (part >> 1 & 1), k + half * (part & 1), half))
-    return seen
-
-
-@compiled(nogil=True, error_model="numpy")
-def _beam(space, margin, goal, i, j, k, width):
-    """1: certainly all nodes of a block see the goal, -1: none does, 0: undecided.
-
-    That of a node r from the block's centre stays within f r of the centre's at the fraction f from the goal.
-    """
-    sdf, h = space.sdf, space.h
-    ox, oy, oz, nx, ny, nz = space.ox, space.oy, space.oz, space.nx, space.ny, space.nz
-    half = 0.5 * (width - 1)
-    reach = math.sqrt(3.0) * half * h
-    cx, cy, cz = ox + (i + half) * h, oy + (j + half) * h, oz + (k + half) * h
-    dx, dy, dz = goal[0] - cx, goal[1] - cy, goal[2] - cz
-    length = math.sqrt(dx * dx + dy * dy + dz * dz)
-    verdict = 1
-    t = 0.0
-    while t < length:
-        f = t / length
-        s = distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, cx + f * dx, cy + f * dy, cz + f * dz)
-        spread = (1.0 - f) * reach
-        if s - margin - spread < 0.5 * h:
-            s = distance_within(space, cx + f * dx, cy + f * dy, cz + f * dz)
-            if s - margin + spread < -DEPTH_PER_M * h * h:
-                return -1
-            if s - margin - spread < 0.05 * h:
-                verdict = 0
-        t += max(abs(s - margin) - spread, 0.25 * h)
-    return verdict
 
 
 @compiled(inline="always", error_model="numpy")
@@ -183,14 +153,24 @@ def _neighbour(space, node, side):
 
 
 @compiled(nogil=True, error_model="numpy")
-def _spread(space, margin, node, dist, bend, certain, known, heap, slot, count):
+def _beside(space, node, known):
+    """Whether a neighbour of `node` is known."""
+    for side in range(6):
+        other = _neighbour(space, node, side)
+        if other >= 0 and known[other]:
+            return True
+    return False
+
+
+@compiled(nogil=True, error_model="numpy")
+def _spread(space, margin, node, dist, row, certain, known, heap, slot, count):
     """Queues the neighbours of a known node by the straight way to its bend; returns the length of the heap."""
     slack = _SLACK_PER_M * space.h * space.h
     for side in range(6):
         other = _neighbour(space, node, side)
-        if other < 0 or known[other] or space.sdf[other] - margin <= _FREE_M:
+        if other < 0 or known[other] or space.sdf[other] - margin <= FREE_M:
             continue
-        least, _ = reach(bend[node], _position(space, other))
+        least, _ = reach(row, _position(space, other))
         if least < dist[other] - slack:
             dist[other] = least
             certain[other] = False
@@ -202,61 +182,63 @@ def _spread(space, margin, node, dist, bend, certain, known, heap, slot, count):
 
 
 @compiled(nogil=True, error_model="numpy")
-def _evaluate(space, margin, node, dist, bend, known):
-    """Length of the shortest path of `node` by way of its known neighbours; inf without any.
+def _evaluate(space, margin, node, dist, rows, row_of, known):
+    """(value, row, new): shortest path of `node` by way of its known neighbours; inf without any.
 
     In this order: by a neighbour's bend that `node` sees, by a string pulled past the wall that hides one, and by a
-    step from a neighbour where no string is found. Sets the bend of `node`.
+    step from a neighbour where no string is found. The path bends as row `row` says or, where that is -1, as `new`.
     """
     h = space.h
     slack = _SLACK_PER_M * h * h
     x = _position(space, node)
-    near, hidden = np.full(6, np.inf), np.full(6, np.inf)
+    near, hidden, hider = np.full(6, np.inf), np.full(6, np.inf), np.full(6, -1)
     for side in range(6):
         other = _neighbour(space, node, side)
         if other >= 0 and known[other]:
-            near[side], _ = reach(bend[other], x)
+            near[side], _ = reach(_get(rows, row_of[other]), x)
     best, step = np.inf, np.inf
+    chosen, new = 0, _get(rows, 0)
     while near.min() < min(best, step) - slack:
         side = near.argmin()
         other = _neighbour(space, node, side)
         hidden[side] = near[side]
         near[side] = np.inf
-        value, row = join(space, margin, _get(bend, other), x, best)
+        value, hider[side] = join(space, margin, _get(rows, row_of[other]), x, best)
         if value < np.inf:
             best = value
-            _set(bend, node, row)
+            chosen = row_of[other]
             hidden[side] = np.inf
             continue
         y = _position(space, other)
-        if space.sdf[node] + space.sdf[other] - 2.0 * margin < h and not trace(space, margin, y, x)[0]:
+        if space.sdf[node] + space.sdf[other] - 2.0 * margin < h and blocker(space, margin, y, x) >= 0:
             hidden[side] = np.inf
         elif dist[other] + h < min(best, step):
             step = dist[other] + h
-            _set(bend, node, source(y, dist[other]))
+            chosen, new = -1, source(y, dist[other])
     tried = False
     while hidden.min() < best - slack and not (tried and best < np.inf):
         side = hidden.argmin()
         other = _neighbour(space, node, side)
         hidden[side] = np.inf
         tried = True
-        value, row = pull(space, margin, _get(bend, other), _position(space, other), x, min(best, step))
+        row = _get(rows, row_of[other])
+        value, row = pull(space, margin, row, _position(space, other), x, hider[side], min(best, step))
         if value < best:
             best = value
-            _set(bend, node, row)
-    return min(best, step)
+            chosen, new = -1, row
+    return min(best, step), chosen, new
 
 
 @compiled(inline="always", error_model="numpy")
-def _get(bend, n):
-    b = bend[n]
+def _get(rows, n):
+    b = rows[n]
     return (b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10])
 
 
 @compiled(inline="always", error_model="numpy")
-def _set(bend, n, row):
+def _set(rows, n, row):
     for i in range(WIDTH):
-        bend[n, i] = row[i]
+        rows[n, i] = row[i]
 
 
 @compiled

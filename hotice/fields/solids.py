@@ -23,7 +23,7 @@ from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape
 FAR_M = 10.0
 BLOCK = 4
 """Nodes along a block's edge: index >> 2 is that of the block."""
-_BOX, _CYLINDER, _CAPSULE, _MESH = range(4)
+BOX, CYLINDER, CAPSULE, MESH = range(4)
 _ROUNDING = 1e-9
 _BLOCK_REACH = 0.5 * math.sqrt(3.0) * (BLOCK + 1)
 """Radius in cells about a block's centre, with the outer half cells of the grid."""
@@ -35,8 +35,7 @@ class Space(NamedTuple):
     `solid` (n, 21): per obstacle kind, size (3), R_WB (9), p_WB (3), bounding ball in W (4), root of its mesh; sizes are
     half extents of a box, (radius, half length) of a cylinder or capsule; a sphere is a capsule without length.
     `triangles`, `nodes`: see `bvh.Tree`. Nearest to a point in block b may be `member[start[b]:start[b + 1]]`.
-    `sdf` (nx ny nz,): exact signed distance at the nodes, cut at FAR_M. `thinnest`: least thickness of an obstacle, 0
-    with meshes.
+    `sdf` (nx ny nz,): exact signed distance at the nodes, cut at FAR_M.
     """
 
     solid: NDArray[np.float64]
@@ -52,7 +51,6 @@ class Space(NamedTuple):
     nx: int
     ny: int
     nz: int
-    thinnest: float
 
     @classmethod
     def of(cls, scene: Scene, grid: Grid) -> Space:
@@ -61,13 +59,10 @@ class Space(NamedTuple):
         tree, roots = bvh.Tree.join([m.mesh().tree for m in meshes])
         root_of: dict[Any, int] = dict(zip(meshes, roots, strict=True))
         solid = np.array([_row(o, root_of.get(o.shape, 0)) for o in scene.obstacles]).reshape(-1, 21)
-        thinnest = min((_thickness(o.shape) for o in scene.obstacles), default=FAR_M)
         ox, oy, oz = grid.origin.tolist()
         nx, ny, nz = grid.shape
         none, h = np.empty(0, dtype=np.int64), grid.resolution_m
-        empty = cls(
-            solid, tree.triangles, tree.nodes, none, none, np.empty(0), ox, oy, oz, h, nx, ny, nz, thinnest
-        )  # fmt: skip
+        empty = cls(solid, tree.triangles, tree.nodes, none, none, np.empty(0), ox, oy, oz, h, nx, ny, nz)
         start, member = _block_members(empty)
         listed = empty._replace(start=start, member=member)
         return listed._replace(sdf=_fill(listed))
@@ -83,23 +78,16 @@ def _row(obstacle: Obstacle, root: int) -> list[float]:
 def _kind_and_size(shape: Any) -> tuple[int, tuple[float, float, float]]:
     match shape:
         case BoxShape(size_m=(x, y, z)):
-            return _BOX, (0.5 * x, 0.5 * y, 0.5 * z)
+            return BOX, (0.5 * x, 0.5 * y, 0.5 * z)
         case CylinderShape(radius_m=radius, length_m=length):
-            return _CYLINDER, (radius, 0.5 * length, 0.0)
+            return CYLINDER, (radius, 0.5 * length, 0.0)
         case CapsuleShape(radius_m=radius, length_m=length):
-            return _CAPSULE, (radius, 0.5 * length, 0.0)
+            return CAPSULE, (radius, 0.5 * length, 0.0)
         case SphereShape(radius_m=radius):
-            return _CAPSULE, (radius, 0.0, 0.0)
+            return CAPSULE, (radius, 0.0, 0.0)
         case MeshShape():
-            return _MESH, (0.0, 0.0, 0.0)
+            return MESH, (0.0, 0.0, 0.0)
     raise TypeError(f"no compiled distance for {type(shape).__name__}")
-
-
-def _thickness(shape: Any) -> float:
-    kind, size = _kind_and_size(shape)
-    if kind == _BOX:
-        return 2.0 * min(size)
-    return 2.0 * min(size[:2]) if kind == _CYLINDER else 2.0 * size[0]
 
 
 @compiled(inline="always", error_model="numpy")
@@ -113,15 +101,15 @@ def solid_distance(solid, triangles, nodes, n, x, y, z, bound, outside):
     by = solid[n, 5] * x + solid[n, 8] * y + solid[n, 11] * z
     bz = solid[n, 6] * x + solid[n, 9] * y + solid[n, 12] * z
     kind = solid[n, 0]
-    if kind == _BOX:
+    if kind == BOX:
         bx, by, bz = abs(bx) - solid[n, 1], abs(by) - solid[n, 2], abs(bz) - solid[n, 3]
         most = max(bx, by, bz)
         bx, by, bz = max(bx, 0.0), max(by, 0.0), max(bz, 0.0)
         d = most if most <= 0.0 else math.sqrt(bx * bx + by * by + bz * bz)
-    elif kind == _CAPSULE:
+    elif kind == CAPSULE:
         bz = max(abs(bz) - solid[n, 2], 0.0)
         d = math.sqrt(bx * bx + by * by + bz * bz) - solid[n, 1]
-    elif kind == _CYLINDER:
+    elif kind == CYLINDER:
         radial, axial = math.sqrt(bx * bx + by * by) - solid[n, 1], abs(bz) - solid[n, 2]
         most = max(radial, axial)
         radial, axial = max(radial, 0.0), max(axial, 0.0)
@@ -237,19 +225,93 @@ def _reach(near, away):
 
 
 @compiled(inline="always", error_model="numpy")
-def distance_bound(sdf, ox, oy, oz, h, nx, ny, nz, x, y, z):
+def distance_bound(space, x, y, z):
     """Lower bound of `distance_within` from the nearest node: its distance less the way to it."""
-    i, j, k = _index((x - ox) / h, nx), _index((y - oy) / h, ny), _index((z - oz) / h, nz)
-    dx, dy, dz = x - ox - i * h, y - oy - j * h, z - oz - k * h
-    return sdf[(i * ny + j) * nz + k] - math.sqrt(dx * dx + dy * dy + dz * dz)
+    h = space.h
+    i, j, k = _index((x - space.ox) / h, space.nx), _index((y - space.oy) / h, space.ny), _index((z - space.oz) / h, space.nz)
+    dx, dy, dz = x - space.ox - i * h, y - space.oy - j * h, z - space.oz - k * h
+    return space.sdf[(i * space.ny + j) * space.nz + k] - math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @compiled(nogil=True, error_model="numpy")
-def normal_within(space, x, y, z, s):
-    """Unit gradient of `distance_within`, which is s here, by forward differences."""
+def convex_slope(solid, n, x, y, z, ux, uy, uz):
+    """(s, s'): signed distance to convex obstacle n at a point of its own frame, and its slope along u."""
+    kind = solid[n, 0]
+    if kind == BOX:
+        qx, qy, qz = abs(x) - solid[n, 1], abs(y) - solid[n, 2], abs(z) - solid[n, 3]
+        vx, vy, vz = math.copysign(ux, ux * x), math.copysign(uy, uy * y), math.copysign(uz, uz * z)
+        if qx <= 0.0 and qy <= 0.0 and qz <= 0.0:
+            if qx >= qy and qx >= qz:
+                return qx, vx
+            return (qy, vy) if qy >= qz else (qz, vz)
+        qx, qy, qz = max(qx, 0.0), max(qy, 0.0), max(qz, 0.0)
+        s = math.sqrt(qx * qx + qy * qy + qz * qz)
+        return s, (qx * vx + qy * vy + qz * vz) / s
+    if kind == CAPSULE:
+        z -= min(max(z, -solid[n, 2]), solid[n, 2])
+        s = math.sqrt(x * x + y * y + z * z)
+        return s - solid[n, 1], (x * ux + y * uy + z * uz) / max(s, 1e-12)
+    r = math.sqrt(x * x + y * y)
+    radial, axial = r - solid[n, 1], abs(z) - solid[n, 2]
+    out, up = (x * ux + y * uy) / max(r, 1e-12), math.copysign(uz, uz * z)
+    if radial <= 0.0 and axial <= 0.0:
+        return (radial, out) if radial >= axial else (axial, up)
+    radial, axial = max(radial, 0.0), max(axial, 0.0)
+    s = math.sqrt(radial * radial + axial * axial)
+    return s, (radial * out + axial * up) / s
+
+
+@compiled(nogil=True, error_model="numpy")
+def solid_normal(solid, n, x, y, z):
+    """Unit gradient in W of the signed distance to convex obstacle n at a point in W."""
+    x, y, z = x - solid[n, 13], y - solid[n, 14], z - solid[n, 15]
+    bx = solid[n, 4] * x + solid[n, 7] * y + solid[n, 10] * z
+    by = solid[n, 5] * x + solid[n, 8] * y + solid[n, 11] * z
+    bz = solid[n, 6] * x + solid[n, 9] * y + solid[n, 12] * z
+    gx = convex_slope(solid, n, bx, by, bz, 1.0, 0.0, 0.0)[1]
+    gy = convex_slope(solid, n, bx, by, bz, 0.0, 1.0, 0.0)[1]
+    gz = convex_slope(solid, n, bx, by, bz, 0.0, 0.0, 1.0)[1]
+    return (
+        solid[n, 4] * gx + solid[n, 5] * gy + solid[n, 6] * gz,
+        solid[n, 7] * gx + solid[n, 8] * gy + solid[n, 9] * gz,
+        solid[n, 10] * gx + solid[n, 11] * gy + solid[n, 12] * gz,
+    )
+
+
+@compiled(nogil=True, error_model="numpy")
+def mesh_distance(space, n, x, y, z, known=0.0, away=np.inf):
+    """Signed distance of a point to mesh n; that of a point `away` from it may be `known`."""
+    bound = abs(known) + away + _ROUNDING
+    return solid_distance(space.solid, space.triangles, space.nodes, n, x, y, z, bound, known > away)
+
+
+@compiled(nogil=True, error_model="numpy")
+def mesh_normal(space, n, x, y, z, s):
+    """Unit gradient of the distance to mesh n, which is s here, by forward differences."""
     e = 1e-6
-    gx = distance_within(space, x + e, y, z, s, e) - s
-    gy = distance_within(space, x, y + e, z, s, e) - s
-    gz = distance_within(space, x, y, z + e, s, e) - s
+    gx = mesh_distance(space, n, x + e, y, z, s, e) - s
+    gy = mesh_distance(space, n, x, y + e, z, s, e) - s
+    gz = mesh_distance(space, n, x, y, z + e, s, e) - s
     size = max(math.sqrt(gx * gx + gy * gy + gz * gz), 1e-12)
     return gx / size, gy / size, gz / size
+
+
+@compiled(nogil=True, error_model="numpy")
+def normal_within(space, x, y, z):
+    """Unit gradient of `distance_within`: of the obstacle nearest to a point in the grid's box."""
+    i = _index((x - space.ox) / space.h, space.nx)
+    j = _index((y - space.oy) / space.h, space.ny)
+    k = _index((z - space.oz) / space.h, space.nz)
+    block = ((i >> 2) * _blocks(space.ny) + (j >> 2)) * _blocks(space.nz) + (k >> 2)
+    best, nearest = np.inf, -1
+    for m in range(space.start[block], space.start[block + 1]):
+        n = space.member[m]
+        if best < 0.0 or not ball_is_beyond(space.solid, n, x, y, z, best):
+            s = solid_distance(space.solid, space.triangles, space.nodes, n, x, y, z, np.inf, False)
+            if s < best:
+                best, nearest = s, n
+    if nearest < 0:
+        return 0.0, 0.0, 0.0
+    if space.solid[nearest, 0] == MESH:
+        return mesh_normal(space, nearest, x, y, z, best)
+    return solid_normal(space.solid, nearest, x, y, z)

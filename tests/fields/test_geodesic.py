@@ -7,7 +7,7 @@ from hotice.fields.distance import occupancy_distance
 from hotice.fields.geodesic import solve_geodesic
 from hotice.fields.grid import Grid
 from hotice.fields.solids import FAR_M, Space, distance_within
-from hotice.fields.strings import trace
+from hotice.fields.segments import blocker
 from hotice.fields.volumes import solve_scene
 from hotice.model import Obstacle, Scene, load_scene
 from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
@@ -149,7 +149,7 @@ def test_traces_against_dense_samples_of_the_segment():
     b = a + rng.uniform(-0.2, 0.2, a.shape)
     t = np.linspace(0, 1, 400)[:, None, None]
     truth = scene.signed_distance((a + t * (b - a)).reshape(-1, 3)).reshape(400, -1).min(axis=0)
-    free = np.array([trace(space, 0.0, tuple(p), tuple(q))[0] for p, q in zip(a, b, strict=True)])
+    free = np.array([blocker(space, 0.0, tuple(p), tuple(q)) < 0 for p, q in zip(a, b, strict=True)])
     clear = (truth > 1e-3) | (truth < -3e-3)
     assert 20 < free.sum() < len(a) - 20
     np.testing.assert_array_equal(free[clear], truth[clear] > 0)
