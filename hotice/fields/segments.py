@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 
 from hotice.compiled import compiled
+from hotice.fields.bends import distance
 from hotice.fields.solids import (
     BOX,
     CAPSULE,
@@ -40,12 +41,6 @@ _LEVEL = 0.02
 _NEAR = 0.3
 """Bounds below this many cells are replaced by exact distances to a mesh."""
 _MAX_STEPS = 1000
-
-
-@compiled(inline="always", error_model="numpy")
-def distance(a, b):
-    """|a - b| of two triples."""
-    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 @compiled(inline="always", error_model="numpy")
@@ -155,7 +150,9 @@ def blocker(space, margin, a, b):
         if s < deepest:
             return n
         if s < touch:
-            if other >= 0 and (_pinched(space, margin, other, n, a, b, t) or _pinched(space, margin, n, other, a, b, at)):
+            if other >= 0 and (
+                _pinched(space, margin, other, n, a, b, t) or _pinched(space, margin, n, other, a, b, at)
+            ):
                 return n
             other, at = n, t
     return -1

@@ -20,7 +20,9 @@ def see_goal(space, margin, goal):
     """Whether each node is free and sees the goal, (size,)."""
     nx, ny, nz, h = space.nx, space.ny, space.nz, space.h
     seen = np.zeros(len(space.sdf), np.bool_)
-    stack = [(i, j, k, _BLOCK) for i in range(0, nx, _BLOCK) for j in range(0, ny, _BLOCK) for k in range(0, nz, _BLOCK)]
+    stack = [
+        (i, j, k, _BLOCK) for i in range(0, nx, _BLOCK) for j in range(0, ny, _BLOCK) for k in range(0, nz, _BLOCK)
+    ]
     while len(stack):
         i, j, k, width = stack.pop()
         if i >= nx or j >= ny or k >= nz:

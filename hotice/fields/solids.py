@@ -228,7 +228,11 @@ def _reach(near, away):
 def distance_bound(space, x, y, z):
     """Lower bound of `distance_within` from the nearest node: its distance less the way to it."""
     h = space.h
-    i, j, k = _index((x - space.ox) / h, space.nx), _index((y - space.oy) / h, space.ny), _index((z - space.oz) / h, space.nz)
+    i, j, k = (
+        _index((x - space.ox) / h, space.nx),
+        _index((y - space.oy) / h, space.ny),
+        _index((z - space.oz) / h, space.nz),
+    )
     dx, dy, dz = x - space.ox - i * h, y - space.oy - j * h, z - space.oz - k * h
     return space.sdf[(i * space.ny + j) * space.nz + k] - math.sqrt(dx * dx + dy * dy + dz * dz)
 
