@@ -20,7 +20,7 @@ from hotice.errors import CheckpointError
 from hotice.learn import distributed
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, save_checkpoint
 from hotice.learn.config import TrainConfig
-from hotice.learn.curriculum import SceneCurriculum
+from hotice.learn.curriculum import SceneCurriculum, Stages
 from hotice.learn.dual_ppo import DualPpo
 from hotice.learn.gae import gae
 from hotice.learn.learner import Learner
@@ -66,6 +66,9 @@ class Runner:
         )
         self.stats = EpisodeStatistics(env.num_envs, env.bank.num_scenes, env.device)
         self.curriculum = SceneCurriculum(env.bank.num_scenes, env.device)
+        self.stages = Stages(
+            env.starter, config.curriculum_distance_m, config.curriculum_objects, env.num_envs * distributed.size()
+        )
         self.update = 0
         self.minutes = 0.0
         self.steps = 0
@@ -124,6 +127,8 @@ class Runner:
             self.curriculum.update(ended, successes)
             self.env.starter.scene_weight.copy_(self.curriculum.weights())
             log["curriculum/solved"] = float((self.curriculum.rate > 0.8).float().mean())
+        self.stages.update(float(ended.sum()), float(successes.sum()))
+        log |= self.stages.log()
         log["seconds/collect"], log["seconds/learn"] = middle - begin, time.monotonic() - middle
         log["steps_per_s"] = steps / (time.monotonic() - begin)
         log["reward"] = float(self.rollout.reward.mean())
@@ -180,6 +185,7 @@ class Runner:
         tensors = {f"net.{k}": v for k, v in self.net.state_dict().items()} | self.algo.state() | first
         tensors |= {f"rank{r}.{k}": v for r, other in enumerate(others, 1) for k, v in other.items()}
         tensors["curriculum"] = self.curriculum.rate
+        tensors |= self.stages.state()
         meta: dict[str, Any] = {
             **self.algo.meta(), "steps": self.steps, "minutes": self.minutes,
             "config": config_to_dict(self.config), "layout": self.env.policy_table.layout(),
@@ -204,6 +210,7 @@ class Runner:
         self._load_net(path, tensors, meta)
         self.algo.load_state(tensors, meta)
         self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
+        self.stages.load_state(tensors)
         if meta.get("ranks", 1) != distributed.size():
             return
         prefix = f"rank{distributed.rank()}."
