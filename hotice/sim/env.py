@@ -280,6 +280,8 @@ class TransportEnv:
     def _start(self, ids: Tensor) -> None:
         m, n = self.memory, len(ids)
         m.scene[ids] = self.starter.draw_scenes(n, self.generator)
+        if self.starter.small is not None:
+            m.model[ids] = self.starter.small.draw(n, self.generator)
         self.starter.write(self.physics, ids, m.scene[ids], m.model[ids], self.generator)
         m.action = m.action.clone()
         m.last_action = m.last_action.clone()
