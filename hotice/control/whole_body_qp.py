@@ -126,12 +126,19 @@ class WholeBodyQp:
         pos = np.where(np.isfinite(measurement.joint_pos), measurement.joint_pos, 0.0)
         return QpMemory(guess=Guess.zeros(self.problem), torque=np.zeros(NUM_JOINTS), joint_pos=pos)
 
-    def solve(self, measurement: Measurement, targets: Targets, contacts: Contacts, memory: QpMemory) -> Array:
-        """Torques (20,) [N m], written into `memory` too; the last safe ones where this state has none, which is counted."""
+    def solve(
+        self, measurement: Measurement, targets: Targets, contacts: Contacts, memory: QpMemory, *, updated: bool = False
+    ) -> Array:
+        """Torques (20,) [N m], written into `memory` too; the last safe ones where this state has none, which is counted.
+
+        `updated` says that `terms` already describe the measurement.
+        """
         begin = time.perf_counter()
         solved = measurement.finite()
         if solved:
-            self.assemble(measurement, targets, contacts)
+            if not updated:
+                self.terms.update(measurement)
+            self.assemble(targets, contacts)
             solved = bool(np.isfinite(self.problem.g).all()) and self._solver.solve(memory.guess)
         late = self.config.deadline_s is not None and time.perf_counter() - begin > self.config.deadline_s
         if not solved or late:
@@ -147,10 +154,9 @@ class WholeBodyQp:
         memory.in_a_row = 0
         return memory.torque
 
-    def assemble(self, measurement: Measurement, targets: Targets, contacts: Contacts) -> None:
-        """Writes the problem of this state into `problem`."""
+    def assemble(self, targets: Targets, contacts: Contacts) -> None:
+        """Writes the problem of the state of `terms` into `problem`."""
         t, p, c, k, g = self.terms, self.problem, self.config, contacts, targets
-        t.update(measurement)
         A, b, w = self._task_A, self._task_b, self._task_w
         tasks.stack_com(
             t.J_com,
