@@ -6,8 +6,6 @@ The numpy twin of `TransportEnv._guide`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +15,7 @@ from hotice.fields.hod_pf import HodPf
 from hotice.model import g1
 from hotice.policies.percept import NUM_POINTS, NUM_SGF, Percept
 from hotice.policies.policy_task import PolicyTask
+from hotice.policies.vectors import NamedVector
 
 Array = NDArray[np.float64]
 NUM_FIELD = NUM_POINTS + 8
@@ -24,8 +23,7 @@ NUM_FIELD = NUM_POINTS + 8
 _STEERED = [g1.SGF_KEYPOINTS.index(name) for name in g1.STEERED_KEYPOINTS]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FieldReading:
+class FieldReading(NamedVector):
     """What guides at one instant, all in W.
 
     Attributes:
@@ -43,24 +41,10 @@ class FieldReading:
     heading_error: Array
     goal_distance: Array
 
-    SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {
+    SHAPES = {
         "force_W": (NUM_FIELD, 3), "distance": (NUM_FIELD,), "c_W": (3,), "speed": (1,), "heading_error": (1,),
         "goal_distance": (1,),
     }  # fmt: skip
-    SIZE: ClassVar[int] = sum(int(np.prod(shape)) for shape in SHAPES.values())
-
-    def flat(self) -> Array:
-        """All attributes in order, (82,): what ports carry."""
-        return np.concatenate([np.ravel(getattr(self, f.name)) for f in fields(self)])
-
-    @classmethod
-    def unflatten(cls, vector: Array) -> FieldReading:
-        """Inverse of `flat`; the attributes are views."""
-        return cls(**{name: vector[where].reshape(cls.SHAPES[name]) for name, where in _WHERE.items()})
-
-
-_ENDS = np.cumsum([0, *(int(np.prod(shape)) for shape in FieldReading.SHAPES.values())])
-_WHERE = {n: slice(int(a), int(b)) for n, a, b in zip(FieldReading.SHAPES, _ENDS[:-1], _ENDS[1:], strict=True)}
 
 
 def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
@@ -73,9 +57,10 @@ def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
     c_W, speed = navigation_command(
         sgf[_STEERED].astype(np.float64), offset_W, pf.params.attraction, task.speed_m_s, task.stop_gain_hz
     )
-    return FieldReading(
-        force_W=np.concatenate([sgf, ogf]).astype(np.float64),
-        distance=np.concatenate([sgf_distance, ogf_distance]).astype(np.float64), c_W=c_W, speed=np.array([speed]),
-        heading_error=np.array([heading_error(c_W, speed, float(percept.yaw[0]), task.speed_m_s)]),
-        goal_distance=np.array([math.hypot(*offset_W)]),
-    )  # fmt: skip
+    reading = FieldReading(np.empty(FieldReading.SIZE))
+    reading.force_W[:NUM_SGF], reading.force_W[NUM_SGF:] = sgf, ogf
+    reading.distance[:NUM_SGF], reading.distance[NUM_SGF:] = sgf_distance, ogf_distance
+    reading.c_W[:], reading.speed[0] = c_W, speed
+    reading.heading_error[0] = heading_error(c_W, speed, float(percept.yaw[0]), task.speed_m_s)
+    reading.goal_distance[0] = math.hypot(*offset_W.tolist())
+    return reading

@@ -5,8 +5,7 @@ True, when computed from a state by `PerceptModel`; with noise, after a sensor m
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import ClassVar
+import math
 
 import mujoco
 import numpy as np
@@ -15,14 +14,14 @@ from numpy.typing import NDArray
 from hotice.model import builder, g1
 from hotice.model.objects import CarriedObject
 from hotice.model.robot_state import joint_index
+from hotice.policies.vectors import NamedVector
 
 Array = NDArray[np.float64]
 NUM_SGF, NUM_HANDS = len(g1.SGF_KEYPOINTS), len(g1.OGF_KEYPOINTS)
 NUM_POINTS = NUM_SGF + NUM_HANDS
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Percept:
+class Percept(NamedVector):
     """One instant. Joint order is `g1.ACTION_JOINTS`; keypoints are the nine of the SGF, then the hands.
 
     Attributes:
@@ -43,24 +42,10 @@ class Percept:
     R_WO: Array
     p_WOK: Array
 
-    SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {
+    SHAPES = {
         "p_WP": (3,), "yaw": (1,), "gravity_P": (3,), "w_WP_P": (3,), "q": (20,), "qd": (20,),
         "p_WK": (NUM_POINTS, 3), "p_WO": (3,), "R_WO": (3, 3), "p_WOK": (8, 3),
     }  # fmt: skip
-    SIZE: ClassVar[int] = sum(int(np.prod(shape)) for shape in SHAPES.values())
-
-    def flat(self) -> Array:
-        """All attributes in order, (119,): what ports carry."""
-        return np.concatenate([np.ravel(getattr(self, f.name)) for f in fields(self)])
-
-    @classmethod
-    def unflatten(cls, vector: Array) -> Percept:
-        """Inverse of `flat`; the attributes are views."""
-        return cls(**{name: vector[where].reshape(cls.SHAPES[name]) for name, where in _WHERE.items()})
-
-
-_ENDS = np.cumsum([0, *(int(np.prod(shape)) for shape in Percept.SHAPES.values())])
-_WHERE = {n: slice(int(a), int(b)) for n, a, b in zip(Percept.SHAPES, _ENDS[:-1], _ENDS[1:], strict=True)}
 
 
 class PerceptModel:
@@ -81,12 +66,14 @@ class PerceptModel:
         data = self._data
         data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, data)
-        R_WP = data.xmat[self._pelvis].reshape(3, 3)
-        R_WO = data.xmat[self._object].reshape(3, 3).copy()
-        p_WO = data.xpos[self._object].copy()
-        arm_W = self._p_OK if self.carried.keypoints_world_aligned else self._p_OK @ R_WO.T
-        return Percept(
-            p_WP=data.xpos[self._pelvis].copy(), yaw=np.arctan2(R_WP[1:2, 0], R_WP[0:1, 0]), gravity_P=-R_WP[2],
-            w_WP_P=qvel[3:6], q=qpos[self._q], qd=qvel[self._qd], p_WK=data.site_xpos[self._sites],
-            p_WO=p_WO, R_WO=R_WO, p_WOK=p_WO + arm_W,
-        )  # fmt: skip
+        R_WP, R_WO, p_WO = data.xmat[self._pelvis], data.xmat[self._object].reshape(3, 3), data.xpos[self._object]
+        percept = Percept(np.empty(Percept.SIZE))
+        percept.p_WP[:] = data.xpos[self._pelvis]
+        percept.yaw[0] = math.atan2(R_WP[3], R_WP[0])
+        np.negative(R_WP[6:], out=percept.gravity_P)
+        percept.w_WP_P[:] = qvel[3:6]
+        percept.q[:], percept.qd[:] = qpos[self._q], qvel[self._qd]
+        percept.p_WK[:] = data.site_xpos[self._sites]
+        percept.p_WO[:], percept.R_WO[:] = p_WO, R_WO
+        percept.p_WOK[:] = p_WO + (self._p_OK if self.carried.keypoints_world_aligned else self._p_OK @ R_WO.T)
+        return percept

@@ -12,7 +12,7 @@ from hotice.systems.signals import GUIDANCE, PERCEPT
 
 
 class GuidanceFieldSystem(LeafSystem):
-    """Input `percept` (119,). Output `guidance` (82,): `FieldReading.flat`, in W [m/s, m, rad].
+    """Input `percept` (119,). Output `guidance` (82,): `FieldReading`, in W [m/s, m, rad].
 
     Args:
         pf: both fields of the scene.
@@ -22,9 +22,9 @@ class GuidanceFieldSystem(LeafSystem):
     def __init__(self, pf: HodPf, task: PolicyTask) -> None:
         super().__init__()
         self.pf, self.task = pf, task
-        self.DeclareVectorInputPort("percept", PERCEPT)
+        self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
         self.DeclareVectorOutputPort("guidance", GUIDANCE, self._output)
 
     def _output(self, context: Context, output: BasicVector) -> None:
-        percept = Percept.unflatten(self.get_input_port(0).Eval(context))
-        output.SetFromVector(read_fields(self.pf, percept, self.task).flat())
+        percept = Percept(self._percept.Eval(context))
+        output.SetFromVector(read_fields(self.pf, percept, self.task).vector)

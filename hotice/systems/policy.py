@@ -48,18 +48,18 @@ class PolicySystem(LeafSystem):
         self._phase0 = phase_rad
         index = self.DeclareDiscreteState(self._rest())
         reads = {self.discrete_state_ticket(index)} | ({self.time_ticket()} if latency_s else set())
-        self.DeclareVectorInputPort("percept", PERCEPT)
-        self.DeclareVectorInputPort("guidance", GUIDANCE)
-        self.DeclareVectorInputPort("active", 1)
+        self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
+        self._guidance = self.DeclareVectorInputPort("guidance", GUIDANCE)
+        self._active = self.DeclareVectorInputPort("active", 1)
         self.DeclareVectorOutputPort("joint_target", NUM_JOINTS, self._output_target, reads)
         self.DeclareVectorOutputPort("action", NUM_JOINTS, self._output_action, {self.discrete_state_ticket(index)})
         self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
 
     def observation(self, context: Context) -> NDArray[np.float32]:
         """What the policy would read now, (241,); rows as in `hotice.policies.observation.LAYOUT`."""
-        percept = Percept.unflatten(self.get_input_port(0).Eval(context))
-        reading = FieldReading.unflatten(self.get_input_port(1).Eval(context))
-        held = context.get_discrete_state(0).get_value()
+        percept = Percept(self._percept.Eval(context))
+        reading = FieldReading(self._guidance.Eval(context))
+        held = context.get_discrete_state_vector().value()
         return observe(percept, reading, self._carrying, held[_ACTION], float(held[_PHASE]))
 
     def _rest(self) -> Array:
@@ -70,11 +70,10 @@ class PolicySystem(LeafSystem):
 
     def _act(self, context: Context, state: State) -> None:
         new = state.get_mutable_discrete_state(0)
-        active = self.get_input_port(2)
-        if active.HasValue(context) and active.Eval(context)[0] < 0.5:
+        if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
             new.SetFromVector(self._rest())
             return
-        held = context.get_discrete_state(0).get_value()
+        held = context.get_discrete_state_vector().value()
         raw = self.policy.run(self.observation(context)[None])[0].astype(float)
         action = next_action(raw, self.task.action_limit)
         step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
@@ -83,12 +82,12 @@ class PolicySystem(LeafSystem):
         new.SetFromVector(np.concatenate([action, target, held[_TARGET], clock]))
 
     def _output_target(self, context: Context, output: BasicVector) -> None:
-        held = context.get_discrete_state(0).get_value()
+        held = context.get_discrete_state_vector().value()
         early = self._latency and context.get_time() < held[_SINCE] + self._latency - 1e-9
         output.SetFromVector(held[_HELD] if early else held[_TARGET])
 
     def _output_action(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state(0).get_value()[_ACTION])
+        output.SetFromVector(context.get_discrete_state_vector().value()[_ACTION])
 
 
 def next_action(raw: Array, limit: float) -> Array:

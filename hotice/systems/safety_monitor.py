@@ -1,4 +1,4 @@
-"""The last word before the motors: torques pass while state and command make sense, else a safe posture is held."""
+"""The last word before the motors: commands pass while they and the state make sense, else a safe posture is held."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from hotice.errors import InvalidConfig
 from hotice.model import builder, g1
@@ -72,11 +72,11 @@ class SafePosture:
         )  # fmt: skip
 
 
-def find_fault(state: Array, torque: Array, posture: SafePosture, limits: SafetyLimits) -> Fault:
-    """The first fault of a robot state (84,) and a commanded torque (20,)."""
-    if not math.isfinite(state.sum()):
+def find_fault(state: Array, command: Array, posture: SafePosture, limits: SafetyLimits) -> Fault:
+    """The first fault of a robot state (84,) and a command (20,)."""
+    if not math.isfinite(state.dot(state)):
         return Fault.STATE
-    if not math.isfinite(torque.sum()):
+    if not math.isfinite(command.dot(command)):
         return Fault.COMMAND
     x, y = state[4:6].tolist()
     if 1.0 - 2.0 * (x * x + y * y) < math.cos(limits.tilt_rad):
@@ -98,42 +98,52 @@ def safe_torque(state: Array, posture: SafePosture, fault: Fault) -> Array:
 
 
 class SafetyMonitor(LeafSystem):
-    """Inputs `robot_state` (84,), `torque` (20,), commanded [N m]. Outputs `torque` (20,), safe [N m]; `faults` (5,):
-    control steps that began with each `Fault` but NONE, and whether a fall is latched (0 or 1).
+    """Inputs `robot_state` (84,), `command` (20,). Outputs `command` (20,), safe; `faults` (5,): control steps that began
+    with each `Fault` but NONE, and the present one.
 
-    Every evaluation is checked, so that no bad command passes; faults are counted once a control period.
+    State and command are checked at the start of each control period, and a fault lasts at least as long as the period.
+    In between every command is tested for finiteness, so that none that is not finite ever passes.
+
+    Args:
+        posture: what is held after a fault. limits: what is one.
+        control_dt_s: period of the checks.
+        torques: commands are torques [N m]; otherwise joint targets [rad] of the motors' servos.
     """
 
-    def __init__(self, posture: SafePosture, limits: SafetyLimits, control_dt_s: float) -> None:
+    def __init__(
+        self, posture: SafePosture, limits: SafetyLimits, control_dt_s: float, torques: bool = True
+    ) -> None:  # fmt: skip
         super().__init__()
-        self.posture, self.limits = posture, limits
+        self.posture, self.limits, self.torques = posture, limits, torques
         index = self.DeclareDiscreteState(5)
-        self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
-        self.DeclareVectorInputPort("torque", NUM_JOINTS)
-        self.DeclareVectorOutputPort("torque", NUM_JOINTS, self._output_torque)
+        self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
+        self._command = self.DeclareVectorInputPort("command", NUM_JOINTS)
+        self.DeclareVectorOutputPort("command", NUM_JOINTS, self._output_command)
         self.DeclareVectorOutputPort("faults", 5, self._output_faults, {self.discrete_state_ticket(index)})
-        self.DeclarePeriodicDiscreteUpdateEvent(control_dt_s, 0.0, self._count)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(control_dt_s, 0.0, self._check)
 
-    def fault(self, context: Context) -> Fault:
-        """The present fault."""
-        if context.get_discrete_state(0).get_value()[4]:
-            return Fault.TILT
-        state, torque = (self.get_input_port(i).Eval(context) for i in range(2))
-        return find_fault(state, torque, self.posture, self.limits)
+    def _check(self, context: Context, state: State) -> None:
+        held = context.get_discrete_state_vector().value()
+        fault = Fault(int(held[4]))
+        if fault is not Fault.TILT:
+            fault = find_fault(self._state.Eval(context), self._command.Eval(context), self.posture, self.limits)
+        if fault is not Fault.NONE or held[4]:
+            counts = held.copy()
+            counts[4] = fault
+            if fault is not Fault.NONE:
+                counts[fault - 1] += 1
+            state.get_mutable_discrete_state(0).SetFromVector(counts)
 
-    def _output_torque(self, context: Context, output: BasicVector) -> None:
-        state, torque = (self.get_input_port(i).Eval(context) for i in range(2))
-        latched = context.get_discrete_state(0).get_value()[4]
-        fault = Fault.TILT if latched else find_fault(state, torque, self.posture, self.limits)
-        output.SetFromVector(torque if fault is Fault.NONE else safe_torque(state, self.posture, fault))
+    def _output_command(self, context: Context, output: BasicVector) -> None:
+        command = self._command.Eval(context)
+        held = context.get_discrete_state_vector().value()[4]
+        if not held and math.isfinite(command.dot(command)):
+            output.SetFromVector(command)
+        elif self.torques:
+            fault = Fault(int(held)) or Fault.COMMAND
+            output.SetFromVector(safe_torque(self._state.Eval(context), self.posture, fault))
+        else:
+            output.SetFromVector(self.posture.target)
 
     def _output_faults(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state(0).get_value())
-
-    def _count(self, context: Context, discrete_state: DiscreteValues) -> None:
-        fault = self.fault(context)
-        if fault is not Fault.NONE:
-            counts = context.get_discrete_state(0).get_value().copy()
-            counts[fault - 1] += 1
-            counts[4] = max(counts[4], float(fault is Fault.TILT))
-            discrete_state.set_value(0, counts)
+        output.SetFromVector(context.get_discrete_state_vector().value())

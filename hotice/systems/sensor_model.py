@@ -48,7 +48,7 @@ def measure(
     tilt = config.object_rot_rad * u_rot
     R_tilt = quat_to_mat(quat_from_axis_angle(tilt, np.linalg.norm(tilt)))
     arms = true.p_WOK - true.p_WO
-    percept = Percept(
+    percept = Percept.of(
         p_WP=p_WP, yaw=yaw, gravity_P=true.gravity_P + config.gravity * u_gravity,
         w_WP_P=true.w_WP_P + config.gyro_rad_s * u_gyro, q=true.q + joint_offset + config.joint_pos_rad * u_q,
         qd=true.qd + config.joint_vel_rad_s * u_qd, p_WK=p_WP + (true.p_WK - true.p_WP) @ R_EW.T, p_WO=p_WO,
@@ -91,7 +91,7 @@ class SensorModel(LeafSystem):
         self._true = PerceptModel(carried)
         self._world_aligned = carried.keypoints_world_aligned
         self._hold = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
-        self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
+        self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         if config.exact:
             self.DeclareVectorOutputPort("percept", PERCEPT, self._output)
             return
@@ -104,25 +104,25 @@ class SensorModel(LeafSystem):
 
     def _output(self, context: Context, output: BasicVector) -> None:
         if self.config.exact:
-            output.SetFromVector(self._truth(context).flat())
+            output.SetFromVector(self._truth(context).vector)
             return
-        held = context.get_discrete_state(0).get_value()
+        held = context.get_discrete_state_vector().value()
         late = held[_LATE] and held[_AGE] > 0
-        output.SetFromVector(held[_LAST] if late else self._measure(context)[0].flat())
+        output.SetFromVector(held[_LAST] if late else self._measure(context)[0].vector)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         percept, root = self._measure(context)
-        held = context.get_discrete_state(0).get_value()
-        new = np.concatenate([root, held[4:7], percept.flat()])
+        held = context.get_discrete_state_vector().value()
+        new = np.concatenate([root, held[4:7], percept.vector])
         new[_AGE] += 1
-        discrete_state.set_value(0, new)
+        discrete_state.set_value(new)
 
     def _truth(self, context: Context) -> Percept:
-        state = self.get_input_port(0).Eval(context)
+        state = self._state.Eval(context)
         return self._true(state[:NQ], state[NQ:])
 
     def _measure(self, context: Context) -> tuple[Percept, Array]:
-        held = context.get_discrete_state(0).get_value()
+        held = context.get_discrete_state_vector().value()
         count = int(held[_AGE])
         root = np.full(4, np.nan) if count % self._hold == 0 else held[_ROOT]
         rng = np.random.Generator(np.random.Philox(key=int(held[_SEED]), counter=[0, 0, 0, count + 1]))

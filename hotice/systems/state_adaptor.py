@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.primitives import Selector, SelectorParams
 
 from hotice.model import g1
 from hotice.model.robot_state import joint_index
@@ -23,11 +24,22 @@ class StateAdaptor(LeafSystem):
     def __init__(self, size: int, convert: Callable[[Array], Array]) -> None:
         super().__init__()
         self._convert = convert
-        self.DeclareVectorInputPort("state", size)
+        self._state = self.DeclareVectorInputPort("state", size)
         self.DeclareVectorOutputPort("robot_state", ROBOT_STATE, self._output)
 
     def _output(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._convert(self.get_input_port(0).Eval(context)))
+        output.SetFromVector(self._convert(self._state.Eval(context)))
+
+
+def joint_state_selector(size: int, q_index: Array, v_index: Array) -> Selector:
+    """Drake's own block: input `state` (size,), output `joint_state` (40,): q [rad], q̇ [rad/s] (`g1.ACTION_JOINTS`)."""
+    params = SelectorParams()
+    params.inputs = [SelectorParams.InputPortParams(name="state", size=size)]
+    chosen = [
+        SelectorParams.OutputSelection(input_port_index=0, input_offset=int(i)) for i in (*q_index, *v_index)
+    ]  # fmt: skip
+    params.outputs = [SelectorParams.OutputPortParams(name="joint_state", selections=chosen)]
+    return Selector(params)
 
 
 def mujoco_to_robot_state(wrist_pos: Array) -> Callable[[Array], Array]:

@@ -30,6 +30,8 @@ from hotice.systems.station_plant import PLANTS, add_plant
 
 CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
 """hold: the carry state's joint targets, without a policy: standing with the object."""
+TORQUE_DT_S = 0.002
+"""Physics step where the diagram commands torques [s]."""
 Array = NDArray[np.float64]
 
 
@@ -44,7 +46,7 @@ class Station(Diagram):
         self.pf = build_hod_pf(self.scene)
         self.policy = open_policy(config.policy)
         self.task = PolicyTask.from_meta(self.policy.meta, self.policy.name)
-        _check_steps(config, self.task)
+        self.physics_dt_s = _physics_step(config, self.task)
         builder = DiagramBuilder()
         self._assemble(builder, meshcat)
         build(builder, self)
@@ -53,7 +55,9 @@ class Station(Diagram):
     def _assemble(self, builder: DiagramBuilder, meshcat: Any) -> None:
         config, dt = self.config, self.task.control_dt_s
         late, latency_s = draw_delays(config.sensing, dt, self.task.substeps, config.seed)
-        plant, adaptor = add_plant(builder, self.plant_name, config, self.scene, self.carry, start_qpos(self.carry, self.scene.start))
+        qpos = start_qpos(self.carry, self.scene.start)
+        period_s = dt if config.servo == "motor" and not latency_s else self.physics_dt_s
+        plant, adaptor, joints = add_plant(builder, self.plant_name, self, qpos, period_s)
         sensors = _add(builder, "sensor_model", SensorModel(config.carried, config.sensing, dt, config.seed, late))
         fields = _add(builder, "guidance_field", GuidanceFieldSystem(self.pf, self.task))
         connect(builder, adaptor, "robot_state", sensors, "robot_state")
@@ -64,16 +68,17 @@ class Station(Diagram):
             connect(builder, fields, "guidance", target, "guidance")
         else:
             target = _add(builder, "hold", HeldPosture(self.carry.joint_target))
-        if config.servo == "motor":
-            connect(builder, target, "joint_target", plant, "actuation")
-            return
-        servo = _add(builder, "joint_pd", JointPd())
-        connect(builder, target, "joint_target", servo, "joint_target")
-        connect(builder, adaptor, "robot_state", servo, "robot_state")
-        safety = _add(builder, "safety_monitor", SafetyMonitor(SafePosture.of(self.carry), config.safety, dt))
+        torques = config.servo == "pd"
+        safety = _add(builder, "safety_monitor", SafetyMonitor(SafePosture.of(self.carry), config.safety, dt, torques))
         connect(builder, adaptor, "robot_state", safety, "robot_state")
-        connect(builder, servo, "torque", safety, "torque")
-        connect(builder, safety, "torque", plant, "actuation")
+        if torques:
+            servo = _add(builder, "joint_pd", JointPd())
+            connect(builder, target, "joint_target", servo, "joint_target")
+            connect(builder, joints, "joint_state", servo, "joint_state")
+            connect(builder, servo, "torque", safety, "command")
+        else:
+            connect(builder, target, "joint_target", safety, "command")
+        connect(builder, safety, "command", plant, "actuation")
 
 
 class HeldPosture(LeafSystem):
@@ -125,9 +130,10 @@ def _add(builder: DiagramBuilder, name: str, system: System) -> Any:
     return builder.AddNamedSystem(name, system)
 
 
-def _check_steps(config: StationConfig, task: PolicyTask) -> None:
-    ratio = task.control_dt_s / config.physics_dt_s
+def _physics_step(config: StationConfig, task: PolicyTask) -> float:
+    default = task.physics_dt_s if config.servo == "motor" else TORQUE_DT_S
+    step = config.physics_dt_s or default
+    ratio = task.control_dt_s / step
     if abs(ratio - round(ratio)) > 1e-6 or ratio < 1:
-        raise InvalidConfig(
-            f"physics_dt_s is {config.physics_dt_s!r}: the control period {task.control_dt_s:g} s must be a multiple"
-        )
+        raise InvalidConfig(f"physics_dt_s is {step!r}: the control period {task.control_dt_s:g} s must be a multiple")
+    return step

@@ -33,11 +33,12 @@ class StationConfig:
     """Shipped policy by name, or an .onnx file."""
     pelvis_height_m: float = 0.74
     """Height at which the robot starts to carry."""
-    physics_dt_s: float = 0.002
-    """Step of either plant, and of the torque loop; the control period must be a multiple."""
-    servo: str = "pd"
-    """pd: a joint servo in the diagram commands torques. motor: the motors' own servo, damped implicitly as in training
-    (MuJoCo plant and policy only)."""
+    servo: str = "motor"
+    """motor: joint targets go to the motors' own servos, which the plant integrates implicitly, as in training. pd: a servo
+    in the diagram commands torques every physics step. Controllers that command torques need neither."""
+    physics_dt_s: float | None = None
+    """Step of either plant, and of the torque loop; the control period must be a multiple. Default: 0.005 s with servo
+    motor, else 0.002 s."""
     sensing: SensingConfig = field(default_factory=SensingConfig)
     """Noise and delay of what the policy reads; in a file exact, student or a mapping."""
     seed: int = 0
@@ -54,11 +55,13 @@ class StationConfig:
     """Rate at which the visualizer publishes."""
 
     def __post_init__(self) -> None:
-        for name in ("physics_dt_s", "meshcat_hz", "pelvis_height_m", "support_height_m"):
+        for name in ("meshcat_hz", "pelvis_height_m", "support_height_m"):
             _number(name, getattr(self, name), above=0.0)
         _number("log_hz", self.log_hz)
-        if self.physics_dt_s > 0.01:
-            raise InvalidConfig(f"physics_dt_s is {self.physics_dt_s!r}: at most 0.01 s, or contacts come apart")
+        if self.physics_dt_s is not None:
+            _number("physics_dt_s", self.physics_dt_s, above=0.0)
+            if self.physics_dt_s > 0.01:
+                raise InvalidConfig(f"physics_dt_s is {self.physics_dt_s!r}: at most 0.01 s, or contacts come apart")
         if self.servo not in SERVOS:
             raise InvalidConfig(f"servo is {self.servo!r}: known are {', '.join(SERVOS)}")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**31:

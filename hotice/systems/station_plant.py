@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -11,38 +11,48 @@ from pydrake.systems.framework import DiagramBuilder
 
 from hotice.errors import InvalidConfig
 from hotice.model import builder as models
-from hotice.model.carry import CarryState
-from hotice.model.scene import Scene
 from hotice.systems.compose import connect
 from hotice.systems.mujoco_plant import MujocoPlant
-from hotice.systems.state_adaptor import StateAdaptor, mujoco_to_robot_state
-from hotice.systems.station_config import StationConfig
+from hotice.systems.state_adaptor import StateAdaptor, joint_state_selector, mujoco_to_robot_state
+
+if TYPE_CHECKING:
+    from hotice.systems.station import Station
 
 PLANTS = ("mujoco", "drake")
 
 
 def add_plant(
-    builder: DiagramBuilder, name: str, config: StationConfig, scene: Scene, carry: CarryState, qpos: NDArray[np.float64]
-) -> tuple[Any, StateAdaptor]:  # fmt: skip
-    """Adds `plant` and `state_adaptor`; the default Context starts at `qpos` (34,), at rest."""
+    builder: DiagramBuilder, name: str, station: Station, qpos: NDArray[np.float64], period_s: float
+) -> tuple[Any, StateAdaptor, Any]:  # fmt: skip
+    """Adds `plant`, `state_adaptor` and `joint_state`; the default Context starts at `qpos` (34,), at rest.
+
+    `period_s`: for which commands are held, at least the physics step.
+    """
     if name == "drake":
         raise InvalidConfig("later")
-    model = station_model(config, scene, carry)
-    ctrl = carry.joint_target if config.servo == "motor" else np.zeros(model.nu)
-    plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl))
+    model, carry = station_model(station), station.carry
+    ctrl = carry.joint_target if station.config.servo == "motor" else np.zeros(model.nu)
+    plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl, period_s))
     convert = mujoco_to_robot_state(carry.wrist_pos)
     adaptor = builder.AddNamedSystem("state_adaptor", StateAdaptor(model.nq + model.nv, convert))
     connect(builder, plant, "state", adaptor, "state")
-    return plant, adaptor
+    q = 1 + 7 + np.arange(20)  # after the time
+    joints = builder.AddNamedSystem(
+        "joint_state", joint_state_selector(plant.size, q, 1 + model.nq + 6 + np.arange(20))
+    )  # fmt: skip
+    connect(builder, plant, "full_state", joints, "state")
+    return plant, adaptor, joints
 
 
-def station_model(config: StationConfig, scene: Scene, carry: CarryState) -> mujoco.MjModel:
+def station_model(station: Station) -> mujoco.MjModel:
     """The compiled model of a station: position servos where the motors have them, else motors that take torques."""
+    carry = station.carry
     model = models.build_model(
-        carry.carried, scene, wrist_pos=carry.wrist_pos, timestep_s=config.physics_dt_s, elliptic=config.elliptic
-    )
+        carry.carried, station.scene, wrist_pos=carry.wrist_pos, timestep_s=station.physics_dt_s,
+        elliptic=station.config.elliptic,
+    )  # fmt: skip
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must stay visible
-    if config.servo == "pd":
+    if station.config.servo == "pd":
         to_motors(model)
     return model
 

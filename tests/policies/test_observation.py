@@ -3,7 +3,7 @@ import pytest
 
 from hotice.fields import build_hod_pf
 from hotice.model.robot_state import RobotState
-from hotice.policies.guidance import FieldReading, read_fields
+from hotice.policies.guidance import read_fields
 from hotice.policies.observation import LAYOUT, Carrying, observe
 from hotice.policies.percept import Percept, PerceptModel
 from hotice.policies.policy_task import PolicyTask
@@ -61,11 +61,14 @@ def test_the_two_fields_differ_near_obstacles(make_env, states, fields):
     assert np.abs(both[0] - both[1]).max() > 0.1
 
 
-def test_flat_and_back(make_env, states, fields):
+def test_parts_are_views_of_one_vector(make_env, states, fields):
     _, percept, reading = twin(make_env(), states, fields, PolicyTask(), 0)
-    for kind, value in ((Percept, percept), (FieldReading, reading)):
-        flat = value.flat()
-        assert flat.shape == (kind.SIZE,)
-        again = kind.unflatten(flat)
-        for name in kind.SHAPES:
-            np.testing.assert_array_equal(getattr(again, name), getattr(value, name))
+    for value in (percept, reading):
+        kind = type(value)
+        again = kind.of(**{name: getattr(value, name) for name in kind.SHAPES})
+        np.testing.assert_array_equal(again.vector, value.vector)
+        assert again.vector.shape == (kind.SIZE,) and np.isfinite(value.vector).all()
+    percept.q[3] = 7.0
+    assert 7.0 in percept.vector
+    with pytest.raises(TypeError, match="exactly p_WP"):
+        Percept.of(q=np.zeros(20))
