@@ -1,0 +1,64 @@
+"""The two plants of a station and their adaptors: the same robot, object and scene in MuJoCo or in Drake."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder
+
+from hotice.errors import InvalidConfig
+from hotice.model import builder as models
+from hotice.systems.compose import connect
+from hotice.systems.mujoco_plant import MujocoPlant
+from hotice.systems.state_adaptor import StateAdaptor, joint_state_selector, mujoco_to_robot_state
+
+if TYPE_CHECKING:
+    from hotice.systems.station import Station
+
+PLANTS = ("mujoco", "drake")
+
+
+def add_plant(
+    builder: DiagramBuilder, name: str, station: Station, qpos: NDArray[np.float64], period_s: float
+) -> tuple[Any, StateAdaptor, Any]:  # fmt: skip
+    """Adds `plant`, `state_adaptor` and `joint_state`; the default Context starts at `qpos` (34,), at rest.
+
+    `period_s`: for which commands are held, at least the physics step.
+    """
+    if name == "drake":
+        raise InvalidConfig("later")
+    model, carry = station_model(station), station.carry
+    ctrl = carry.joint_target if station.config.servo == "motor" else np.zeros(model.nu)
+    plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl, period_s))
+    convert = mujoco_to_robot_state(carry.wrist_pos)
+    adaptor = builder.AddNamedSystem("state_adaptor", StateAdaptor(model.nq + model.nv, convert))
+    connect(builder, plant, "state", adaptor, "state")
+    q = 1 + 7 + np.arange(20)  # after the time
+    joints = builder.AddNamedSystem(
+        "joint_state", joint_state_selector(plant.size, q, 1 + model.nq + 6 + np.arange(20))
+    )  # fmt: skip
+    connect(builder, plant, "full_state", joints, "state")
+    return plant, adaptor, joints
+
+
+def station_model(station: Station) -> mujoco.MjModel:
+    """The compiled model of a station: position servos where the motors have them, else motors that take torques."""
+    carry = station.carry
+    model = models.build_model(
+        carry.carried, station.scene, wrist_pos=carry.wrist_pos, timestep_s=station.physics_dt_s,
+        elliptic=station.config.elliptic,
+    )  # fmt: skip
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must stay visible
+    if station.config.servo == "pd":
+        to_motors(model)
+    return model
+
+
+def to_motors(model: mujoco.MjModel) -> None:
+    """Makes the position servos of a model of `build_model` motors: controls are torques [N m], limited as before."""
+    model.actuator_gainprm[:, 0] = 1.0
+    model.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_NONE
+    model.actuator_biasprm[:] = 0.0
