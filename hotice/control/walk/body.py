@@ -22,12 +22,13 @@ class BodySpheres:
     """Spheres that cover trunk, thighs, arms and head, and points of the object's surface.
 
     Positions are relative to the middle between the ankles, soles on z = 0, heading +x: robot (N, 3), its radii (N,),
-    object (M, 3) [m].
+    object (M, 3) [m]. sole_ahead_m: from the ankles to the middle of the soles [m].
     """
 
     robot: Array
     radius: Array
     load: Array
+    sole_ahead_m: float
 
     @property
     def half_width_m(self) -> float:
@@ -64,7 +65,7 @@ def body_spheres(state: CarryState) -> BodySpheres:
     ankles = [data.body(f"{side}_ankle_roll_link").xpos[:2] for side in g1.SIDES]
     origin = np.append(np.mean(ankles, axis=0), 0.0)
     load = _surface(state.carried.half_extents_m) + state.object_pos_W
-    return BodySpheres(np.concatenate(centres) - origin, np.concatenate(radii), load - origin)
+    return BodySpheres(np.concatenate(centres) - origin, np.concatenate(radii), load - origin, float(-origin[0]))
 
 
 def _cover(kind: int, size: Array) -> tuple[Array, float]:

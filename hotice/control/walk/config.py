@@ -40,6 +40,24 @@ class WalkConfig:
     """Distance of head and load to what hangs over them."""
     pelvis_height_m: float = 0.71
     """Height of the pelvis while walking."""
+    zmp_ahead_m: float = 0.035
+    """Zero-moment point of a stance foot ahead of its ankle."""
+    dcm_gain: float = 1.5
+    """Feedback of the DCM error to the zero-moment point while both feet stand, beyond one."""
+    settle_s: float = 0.4
+    """Time for which the load moves to the middle after the last step."""
+    freeze_s: float = 0.08
+    """Before the landing, foothold and time stay as they are for this long."""
+    hurry_s: float = 0.12
+    """By how much step adjustment may land earlier."""
+    wait_s: float = 0.12
+    """By how much it may land later."""
+    touch_n: float = 40.0
+    """Force on a swing foot that counts as its landing [N]."""
+    height_speed_m_s: float = 0.20
+    """Fastest change of the pelvis height."""
+    lean_speed_rad_s: float = 0.5
+    """Fastest change of the lean."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
