@@ -24,6 +24,11 @@ NUM = 7
 """Variables, in the frame of the stance foot: p (2), b (2), delta (2), tau / tau_planned (1)."""
 
 
+_BOUNDED = np.eye(NUM)[[0, 1, 4, 5, 6]]
+_PATTERN = np.concatenate([[[1, 0, 1, 0, 1, 0, 1], [0, 1, 0, 1, 0, 1, 1]], _BOUNDED])
+_ENTRIES = tuple(np.nonzero(_PATTERN.T))[::-1]  # rows, columns in the order of a sparse matrix by columns
+
+
 @dataclass(frozen=True, kw_only=True)
 class AdjustConfig:
     """Weights (of squared metres, and of the squared relative change of tau) and bounds."""
@@ -111,23 +116,18 @@ class StepAdjuster:
         )  # fmt: skip
 
     def _solve(self, weight: Array, wish: Array, equality: Array, lower: Array, upper: Array) -> tuple[Array, bool]:
-        import osqp
-        from scipy import sparse
-
-        rows = np.concatenate([equality, np.eye(NUM)[[0, 1, 4, 5, 6]]])
-        dense = np.zeros((7, NUM), dtype=bool)
-        dense[:2] = [[1, 0, 1, 0, 1, 0, 1], [0, 1, 0, 1, 0, 1, 1]]
-        dense[2:] = np.eye(NUM, dtype=bool)[[0, 1, 4, 5, 6]]
-        index = np.nonzero(dense.T)  # column-major order of the sparse matrix
-        values = rows[index[1], index[0]]
+        values = np.concatenate([equality, _BOUNDED])[_ENTRIES]
         scale = 100.0  # weights of the order of one against squared centimetres
         if self._solver is None:
-            matrix = sparse.csc_matrix((values, (index[1], index[0])), shape=rows.shape)
+            import osqp
+            from scipy import sparse
+
+            matrix = sparse.csc_matrix((values, _ENTRIES), shape=(7, NUM))
             cost = sparse.diags(scale * weight, format="csc")
             self._solver = osqp.OSQP()
             self._solver.setup(
                 P=cost, q=-scale * weight * wish, A=matrix, l=lower, u=upper, verbose=False, eps_abs=1e-6, eps_rel=1e-6,
-                max_iter=2000, polishing=False, adaptive_rho=True, check_termination=5,
+                max_iter=2000, polishing=False, adaptive_rho=False, rho=10.0, warm_starting=False, check_termination=10,
             )  # fmt: skip
         else:
             self._solver.update(q=-scale * weight * wish, Ax=values, l=lower, u=upper)

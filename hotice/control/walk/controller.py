@@ -9,7 +9,7 @@ the centre of mass, the swing foot, the pelvis and the grasp.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from hotice.control.walk.config import WalkConfig
 from hotice.control.walk.dcm import GRAVITY, DcmReference
 from hotice.control.walk.footsteps import SIDE, Footstep
 from hotice.control.walk.plan import WalkPlan
+from hotice.control.solvers import Guess
 from hotice.control.walk.swing import Swing, SwingShape
 from hotice.control.whole_body_qp import QpConfig, QpMemory, Targets, WholeBodyQp
 from hotice.model.carry import CarryState
@@ -62,6 +63,12 @@ class WalkMemory:
     faults: int = 0
     trace: dict = field(default_factory=dict)
 
+    def copy(self) -> WalkMemory:
+        """Independent of this one: what a step writes in place is copied, what it replaces is shared."""
+        guess = Guess(x=self.qp.guess.x.copy(), y=self.qp.guess.y.copy(), z=self.qp.guess.z.copy())
+        qp = replace(self.qp, guess=guess, torque=self.qp.torque.copy(), joint_pos=self.qp.joint_pos.copy())
+        return replace(self, feet=self.feet.copy(), swing=copy.copy(self.swing), qp=qp)
+
 
 class WalkController:
     """Carries an object along a plan. See `hotice.control.controller.Controller`.
@@ -90,7 +97,7 @@ class WalkController:
         for foot in ("left_foot", "right_foot"):
             t.gain_frame(foot, [60.0, 60.0, 60.0, 20.0, 20.0, 20.0], 30.0)
         t.joint_pos[:] = self.state.joint_pos
-        weight = np.full(20, 0.05)
+        weight = np.full(20, 0.002)
         weight[12:] = 20.0
         t.gain_joints(weight, 20.0)
         c = Contacts(load_kg=self.load_kg)
@@ -115,7 +122,7 @@ class WalkController:
 
     def step(self, memory: WalkMemory, measurement: Measurement) -> tuple[Command, WalkMemory]:
         """One control step."""
-        m = copy.deepcopy(memory)
+        m = memory.copy()
         if not measurement.finite():
             torque = self.qp.solve(measurement, self._targets, self._contacts, m.qp)
             return Command(torque=torque.copy(), phase=m.phase, faults=m.qp.faults), m

@@ -47,8 +47,10 @@ class WalkPath:
 
     def station_of(self, xy: Array) -> float:
         """Station of the nearest point of the curve [m]."""
-        fine = np.linspace(0.0, self.length_m, max(2, int(self.length_m / 0.01)))
-        return float(fine[np.argmin(np.linalg.norm(self.at(fine)[0] - xy, axis=1))])
+        a, d = self.xy[:-1], np.diff(self.xy, axis=0)
+        share = np.clip(((xy - a) * d).sum(axis=1) / np.maximum((d * d).sum(axis=1), 1e-12), 0.0, 1.0)
+        k = int(np.argmin(((a + share[:, None] * d - xy) ** 2).sum(axis=1)))
+        return float(self.station[k] + share[k] * (self.station[k + 1] - self.station[k]))
 
 
 def streamline(pf: HodPf, start: Array, *, step_m: float = STREAM_STEP_M) -> Array:
