@@ -20,13 +20,12 @@ from numpy.typing import NDArray
 from hotice.errors import InvalidConfig
 
 Array = NDArray[np.float64]
-NUM = 7
-"""Variables, in the frame of the stance foot: p (2), b (2), delta (2), tau / tau_planned (1)."""
+NUM = 5
+"""Variables, in the frame of the stance foot: p (2), delta (2), tau / tau_planned (1); b follows."""
 
 
-_BOUNDED = np.eye(NUM)[[0, 1, 4, 5, 6]]
-_PATTERN = np.concatenate([[[1, 0, 1, 0, 1, 0, 1], [0, 1, 0, 1, 0, 1, 1]], _BOUNDED])
-_ENTRIES = tuple(np.nonzero(_PATTERN.T))[::-1]  # rows, columns in the order of a sparse matrix by columns
+_UPPER = np.triu_indices(NUM)
+_ORDER = np.lexsort(_UPPER)  # by columns, as OSQP stores the cost
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +66,7 @@ class Adjustment:
 
 @dataclass
 class StepAdjuster:
-    """The programme, set up once and solved warm every control step."""
+    """The programme, set up once and solved every control step."""
 
     config: AdjustConfig = field(default_factory=AdjustConfig)
     failures: int = 0
@@ -90,11 +89,9 @@ class StepAdjuster:
         xi, p, b = R.T @ (dcm - stance), R.T @ (foothold - stance), R.T @ offset
         tau = float(np.exp(omega * remaining_s))
         cfg = self.config
-        # p + b - delta (1 - tau) - xi tau x = 0, x = tau' / tau
-        equality = np.zeros((2, NUM))
-        equality[:, 0:2] = equality[:, 2:4] = np.eye(2)
-        equality[:, 4:6] = -(1.0 - tau) * np.eye(2)
-        equality[:, 6] = -tau * xi
+        # b = xi tau x + delta (1 - tau) - p, x = tau' / tau, is linear in the variables y = (p, delta, x)
+        offset_of = np.zeros((2, NUM))
+        offset_of[:, 0:2], offset_of[:, 2:4], offset_of[:, 4] = -np.eye(2), (1.0 - tau) * np.eye(2), tau * xi
         near, far = cfg.sideways_m
         low = np.array([cfg.forward_m[0], near if side > 0 else -far])
         high = np.array([cfg.forward_m[1], far if side > 0 else -near])
@@ -103,38 +100,38 @@ class StepAdjuster:
         if freeze:
             low, high, t_low, t_high = p, p, 1.0, 1.0
         reach = np.array(cfg.zmp_reach_m)
-        weight = np.repeat(
-            [cfg.foothold_weight, cfg.offset_weight, cfg.zmp_weight, cfg.timing_weight], [2, 2, 2, 1]
-        )  # fmt: skip
-        wish = np.concatenate([p, b, np.zeros(2), [1.0]])
-        lower = np.concatenate([np.zeros(2), low, -reach, [t_low]])
-        upper = np.concatenate([np.zeros(2), high, reach, [t_high]])
-        x, solved = self._solve(weight, wish, equality, lower, upper)
+        weight = np.repeat([cfg.foothold_weight, cfg.zmp_weight, cfg.timing_weight], [2, 2, 1])
+        wish = np.concatenate([p, np.zeros(2), [1.0]])
+        H = np.diag(weight) + cfg.offset_weight * offset_of.T @ offset_of
+        g = -weight * wish - cfg.offset_weight * offset_of.T @ b
+        lower, upper = np.concatenate([low, -reach, [t_low]]), np.concatenate([high, reach, [t_high]])
+        x, solved = self._solve(H, g, lower, upper, np.clip(wish, lower, upper))
         return Adjustment(
-            stance + R @ x[:2], R @ x[2:4], stance + R @ np.clip(x[4:6], -reach, reach),
-            float(np.log(max(x[6], 1e-6) * tau) / omega), solved,
+            stance + R @ x[:2], R @ (offset_of @ x), stance + R @ np.clip(x[2:4], -reach, reach),
+            float(np.log(max(x[4], 1e-6) * tau) / omega), solved,
         )  # fmt: skip
 
-    def _solve(self, weight: Array, wish: Array, equality: Array, lower: Array, upper: Array) -> tuple[Array, bool]:
-        values = np.concatenate([equality, _BOUNDED])[_ENTRIES]
-        scale = 100.0  # weights of the order of one against squared centimetres
+    def _solve(self, H: Array, g: Array, lower: Array, upper: Array, otherwise: Array) -> tuple[Array, bool]:
+        """Minimum of ½ xᵀH x + gᵀx within bounds, from a cold start, so that equal measurements give equal steps."""
+        unit = 1.0 / np.sqrt(np.diag(H))  # x = unit * y
+        H, g, lower, upper = unit[:, None] * H * unit, unit * g, lower / unit, upper / unit
+        entries = H[_UPPER][_ORDER]
         if self._solver is None:
             import osqp
             from scipy import sparse
 
-            matrix = sparse.csc_matrix((values, _ENTRIES), shape=(7, NUM))
-            cost = sparse.diags(scale * weight, format="csc")
+            cost = sparse.csc_matrix((entries, (_UPPER[0][_ORDER], _UPPER[1][_ORDER])), shape=(NUM, NUM))
             self._solver = osqp.OSQP()
             self._solver.setup(
-                P=cost, q=-scale * weight * wish, A=matrix, l=lower, u=upper, verbose=False, eps_abs=1e-6, eps_rel=1e-6,
-                max_iter=2000, polishing=False, adaptive_rho=False, rho=10.0, warm_starting=False, check_termination=10,
+                P=cost, q=g, A=sparse.eye(NUM, format="csc"), l=lower, u=upper, verbose=False, eps_abs=1e-6, eps_rel=1e-6,
+                max_iter=4000, polishing=False, adaptive_rho=False, rho=0.03, warm_starting=False, check_termination=10,
+                scaling=0,
             )  # fmt: skip
         else:
-            self._solver.update(q=-scale * weight * wish, Ax=values, l=lower, u=upper)
+            self._solver.update(q=g, Px=entries, l=lower, u=upper)
         result = self._solver.solve(raise_error=False)
-        solved = result.info.status in ("solved", "solved inaccurate")
-        if not solved or not np.isfinite(result.x).all():
+        if result.info.status != "solved" or not np.isfinite(result.x).all():
             self.failures += 1
             self._solver = None
-            return wish, False
-        return np.asarray(result.x), True
+            return otherwise, False
+        return np.clip(unit * np.asarray(result.x), unit * lower, unit * upper), True
