@@ -125,7 +125,9 @@ def run_trial(
             distance_5s = float(np.linalg.norm(root[:2] - goal))
         failed = failure(plant, hands) or touched
         if failed:
-            return Trial(failed, plant.data.time, distance, distance_5s, faults, 1e3 * spent / count, plan.profile.clearance_m)
+            return Trial(
+                failed, plant.data.time, distance, distance_5s, faults, 1e3 * spent / count, plan.profile.clearance_m
+            )
         if not np.isfinite(reached_s) and distance < GOAL_M:
             reached_s, outcome = plant.data.time, "success"
         if plant.data.time >= reached_s + stay_s:

@@ -251,7 +251,9 @@ class WalkController:
         yaw = self.plan.path.at(station)[1]
         c, s = np.cos(float(yaw)), np.sin(float(yaw))
         cl, sl = np.cos(m.lean_rad), np.sin(m.lean_rad)
-        g.frame_rot[PELVIS] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array([[cl, 0, sl], [0, 1, 0], [-sl, 0, cl]])
+        g.frame_rot[PELVIS] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array(
+            [[cl, 0, sl], [0, 1, 0], [-sl, 0, cl]]
+        )
         k.foot_force_max_n[:] = 400.0
         for hand in range(2):
             R = terms.R_WF[3 + hand]
