@@ -18,6 +18,7 @@ from hotice.control.walk.path import WalkPath
 from hotice.errors import CarryInfeasible
 from hotice.fields import HodPf
 from hotice.model.carry import CarryState, Posture, solve_carry
+from hotice.model.scene import Obstacle
 
 Array = NDArray[np.float64]
 LEAN_PER_M = 1.6
@@ -95,11 +96,12 @@ def _moved(spheres: BodySpheres, state: CarryState, goal: CarryState) -> BodySph
 def plan_profile(pf: HodPf, path: WalkPath, table: list[WalkPosture], config: WalkConfig) -> PostureProfile:
     """The most upright feasible profile; where nothing fits, the posture of the largest clearance."""
     station = np.linspace(0.0, path.length_m, max(2, int(np.ceil(path.length_m / 0.02)) + 1))
-    if not pf.scene.obstacles:
+    overhead = [o for o in pf.scene.obstacles if o.category == "overhead"]
+    if not overhead:
         height = np.full(len(station), table[0].height_m)
         return PostureProfile(station, height, np.full(len(station), table[0].lean_rad), np.inf)
     xy, yaw = path.at(station)
-    clearance = np.stack([_overhead(pf, xy, yaw, p.body) for p in table])  # (postures, stations)
+    clearance = np.stack([_overhead(overhead, pf.margin_m - config.head_margin_m, xy, yaw, p.body) for p in table])  # (postures, stations)
     ahead, behind = (round(d / (station[1] - station[0])) for d in (AHEAD_M, BEHIND_M))
     padded = np.pad(clearance, ((0, 0), (behind, ahead)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, ahead + behind + 1, axis=1)
@@ -114,15 +116,14 @@ def plan_profile(pf: HodPf, path: WalkPath, table: list[WalkPosture], config: Wa
     return PostureProfile(station, height, lean, float(best.min()))
 
 
-def _overhead(pf: HodPf, xy: Array, yaw: Array, body: BodySpheres) -> Array:
-    """Least clearance to overhead obstacles at each station, (S,) [m]: of what is above the middle of the trunk."""
+def _overhead(overhead: list[Obstacle], margin_m: float, xy: Array, yaw: Array, body: BodySpheres) -> Array:
+    """Least clearance of body and load at each station to what hangs overhead, (S,) [m]; the load's beyond its margin."""
     least = np.full(len(xy), np.inf)
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    for points, radius, field, bonus in (
-        (body.robot, body.radius, pf.sgf, 0.0), (body.load, 0.0, pf.ogf, pf.margin_m),
-    ):  # fmt: skip
+    for points, radius, margin in ((body.robot, body.radius, 0.0), (body.load, 0.0, margin_m)):
         x = xy[:, :1] + c * points[:, 0] - s * points[:, 1]
         y = xy[:, 1:] + s * points[:, 0] + c * points[:, 1]
         p = np.stack([x, y, np.broadcast_to(points[:, 2], x.shape)], axis=-1)
-        least = np.minimum(least, (field.signed_distance(p) - radius + bonus).min(axis=1))
+        for obstacle in overhead:
+            least = np.minimum(least, (obstacle.signed_distance(p) - radius - margin).min(axis=1))
     return least
