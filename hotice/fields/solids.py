@@ -231,19 +231,6 @@ def _reach(near, away):
     return abs(near) + away + _ROUNDING if near < FAR_M else np.inf
 
 
-@compiled(inline="always", error_model="numpy")
-def distance_bound(space, x, y, z):
-    """Lower bound of `distance_within` from the nearest node: its distance less the way to it."""
-    h = space.h
-    i, j, k = (
-        _index((x - space.ox) / h, space.nx),
-        _index((y - space.oy) / h, space.ny),
-        _index((z - space.oz) / h, space.nz),
-    )
-    dx, dy, dz = x - space.ox - i * h, y - space.oy - j * h, z - space.oz - k * h
-    return space.sdf[(i * space.ny + j) * space.nz + k] - math.sqrt(dx * dx + dy * dy + dz * dz)
-
-
 @compiled(nogil=True, error_model="numpy")
 def convex_slope(solid, n, x, y, z, ux, uy, uz):
     """(s, s'): signed distance to convex obstacle n at a point of its own frame, and its slope along u."""

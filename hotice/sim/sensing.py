@@ -118,7 +118,6 @@ class Sensors:
         measured = replace(s, **motion)
         return replace(measured, **self.guide(measured, ids))
 
-
     def _filtered(self, s: Snapshot, ids: Tensor, p_PO: Tensor, R_WO: Tensor) -> tuple[Tensor, Tensor]:
         """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object, both in W, after the newest measurement."""
         newest = torch.cat([p_PO[:, None], R_WO[:, :, :2].transpose(1, 2)], dim=1) @ s.R_WP
