@@ -107,13 +107,26 @@ def _to_triangle(triangles, t, a, d, b):
 
 
 @compiled(nogil=True, error_model="numpy")
-def approach(triangles, nodes, root, a, b, bound, passed):
+def _off_centre(nodes, n, a, d, dd):
+    """Squared distance of segment a + f d to the centre of box n."""
+    x = 0.5 * (nodes[n, 0] + nodes[n, 3]) - a[0]
+    y = 0.5 * (nodes[n, 1] + nodes[n, 4]) - a[1]
+    z = 0.5 * (nodes[n, 2] + nodes[n, 5]) - a[2]
+    f = min(max((x * d[0] + y * d[1] + z * d[2]) / dd, 0.0), 1.0)
+    x, y, z = x - f * d[0], y - f * d[1], z - f * d[2]
+    return x * x + y * y + z * z
+
+
+@compiled(nogil=True, error_model="numpy")
+def approach(triangles, nodes, root, a, b, bound, enough, passed):
     """(distance, f, number): how near segment a-b, in the mesh's frame, comes to the mesh at `root`, and where.
 
     The distance is 0 where it passes through triangles; `passed` (MOST + 1, 4) then holds where (sorted) and their unit
-    normals. Without any nearer than `bound`, that and f = 0; number = -1 when there are more than fit.
+    normals. Without any nearer than `bound`, that and f = 0; number = -1 when there are more than fit. Ends early, with what
+    is known so far, once the distance is under `enough`.
     """
     d = _minus(b, a)
+    dd = max(_dot(d, d), 1e-300)
     best, at, number = bound * bound, 0.0, 0
     reach = bound
     stack = np.empty(64, np.int64)
@@ -126,7 +139,10 @@ def approach(triangles, nodes, root, a, b, bound, passed):
             continue
         first, count = int(nodes[node, 6]), int(nodes[node, 7])
         if count == 0:
-            stack[top], stack[top + 1] = first, node + 1
+            near, far = node + 1, first
+            if _off_centre(nodes, near, a, d, dd) > _off_centre(nodes, far, a, d, dd):
+                near, far = far, near
+            stack[top], stack[top + 1] = far, near
             top += 2
             continue
         for t in range(first, first + count):
@@ -134,6 +150,8 @@ def approach(triangles, nodes, root, a, b, bound, passed):
             if far < best:
                 best, at = far, f
                 reach = math.sqrt(best)
+                if reach < enough:
+                    return reach, at, number
             if through:
                 if number == _MOST:
                     return 0.0, at, -1
@@ -150,8 +168,10 @@ def approach(triangles, nodes, root, a, b, bound, passed):
 
 
 @compiled(nogil=True, error_model="numpy")
-def pass_mesh(space, margin, n, a, b, depth):
+def pass_mesh(space, margin, n, a, b, depth, exact):
     """(free, t, s) of segment a-b beside mesh n, inflated by `margin`: its lowest clearance s, t from a.
+
+    Unless `exact`, t and s of a segment that is not free are those of the first place found that blocks it.
 
     It is free when it cuts the mesh by less than `depth` and neither bores through a plate nor squeezes between two walls.
     s is infinite when it stays `depth` and more away.
@@ -160,9 +180,9 @@ def pass_mesh(space, margin, n, a, b, depth):
     u = _minus(b, a)
     length = math.sqrt(_dot(u, u))
     passed = np.empty((_MOST + 1, 4))
-    near, f, number = approach(
-        space.triangles, space.nodes, int(solid[n, 20]), _seen(solid, n, a), _seen(solid, n, b), margin + depth, passed
-    )
+    p, q = _seen(solid, n, a), _seen(solid, n, b)
+    enough = 0.0 if exact else margin - depth
+    near, f, number = approach(space.triangles, space.nodes, int(solid[n, 20]), p, q, margin + depth, enough, passed)
     if near >= margin + depth:
         return True, 0.0, math.inf
     if number < 0 or (number > 0 and margin > depth):
@@ -189,7 +209,7 @@ def stays_off(space, n, a, b, bound):
     solid = space.solid
     passed = np.empty((_MOST + 1, 4))
     p, q = _seen(solid, n, a), _seen(solid, n, b)
-    return approach(space.triangles, space.nodes, int(solid[n, 20]), p, q, bound, passed)[0] >= bound
+    return approach(space.triangles, space.nodes, int(solid[n, 20]), p, q, bound, bound, passed)[0] >= bound
 
 
 @compiled(nogil=True, error_model="numpy")

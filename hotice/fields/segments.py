@@ -135,7 +135,7 @@ def blocker(space, margin, a, b):
         if not passes_box(solid, space.nodes, n, a, b, margin + touch):
             continue
         if solid[n, 0] == MESH:
-            if not pass_mesh(space, margin, n, a, b, touch)[0]:
+            if not pass_mesh(space, margin, n, a, b, touch, False)[0]:
                 return n
             continue
         deepest = -depth_of(solid, n, margin, space.h)
@@ -167,7 +167,7 @@ def _pinched(space, margin, m, n, a, b, t):
 def lowest_point(space, margin, n, a, b):
     """(found, p): the point of the inflated obstacle n that segment a-b comes nearest to, or cuts deepest at."""
     if space.solid[n, 0] == MESH:
-        _, t, s = pass_mesh(space, margin, n, a, b, DEPTH_PER_M * space.h * space.h)
+        _, t, s = pass_mesh(space, margin, n, a, b, DEPTH_PER_M * space.h * space.h, True)
     else:
         s, t = convex_clearance(space.solid, n, margin, a, b, -math.inf, math.inf)
     if s == math.inf:
