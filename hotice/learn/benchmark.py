@@ -149,7 +149,7 @@ def _shares(runner: Runner, updates: int, wait: Callable[[], None]) -> dict[str,
     env, watch = runner.env, Stopwatch(wait)
     for name in ("step", "forward"):
         watch.watch(env.physics, name, "physics")
-    for name in ("sample", "signed_distance"):
+    for name in ("sample", "lowest_clearance"):
         watch.watch(env.bank, name, "fields")
     for owner, name in ((env, "rewards"), (env, "policy_table"), (env, "critic_table"), (env.sensors, "measure")):
         watch.watch(owner, name, "rewards and observations")
