@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.contacts import Contacts
+from hotice.control.contacts import GRAVITY, Contacts
 from hotice.control.controller import Command, Measurement
 from hotice.control.path import along
 from hotice.control.pick_plan import PickPlan, Planner, Support
@@ -299,8 +299,12 @@ class Pickup:
         k.hand_force_ref_W[:] = memory.squeeze_n * k.hand_normal_W
         k.hand_force_max_n[:] = 2.0 * self.squeeze_n if memory.squeeze_n > 0 else 0.0
         k.load_kg = memory.load_share * self.carried.mass_kg
-        if memory.plan is not None:
-            k.hand_point[:] = memory.plan.hand_point
+        k.hand_moment_W[:] = 0.0
+        if memory.plan is not None and k.load_kg > 0.0:
+            weight = 0.5 * k.load_kg * GRAVITY
+            for hand, R in enumerate(self._qp.terms.R_WF[HANDS]):
+                x, y, _ = R @ memory.plan.p_HO[hand]
+                k.hand_moment_W[hand, :2] = -y * weight, x * weight
 
 
 def _configuration(m: Measurement, fallback: Array) -> Array:
