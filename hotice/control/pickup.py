@@ -169,6 +169,7 @@ class Pickup:
     def _advance(self, memory: PickupMemory, m: Measurement) -> None:
         c, elapsed, plan = self.config, m.time_s - memory.since_s, memory.plan
         before = memory.reference
+        self._com_acc = np.zeros(3)
         if memory.phase == "settle":
             if elapsed >= c.settle_s:
                 self._plan(memory, m)
@@ -216,7 +217,8 @@ class Pickup:
                 else:
                     self._enter(memory, m, "retreat")
         elif memory.phase == "back":
-            shift, swing, landing, self._feet, self._feet_rate = memory.stepping.at(elapsed)
+            shift, self._com_acc[:2] = memory.stepping.shift(elapsed)
+            swing, landing, self._feet, self._feet_rate = memory.stepping.feet_at(elapsed)
             memory.air[:] = np.arange(2) == swing
             if landing >= 0 and m.foot_force_W is not None and np.linalg.norm(m.foot_force_W[landing]) < LANDED_N:
                 self._feet[landing, 2] -= SEARCH_M
@@ -308,13 +310,13 @@ class Pickup:
         ref, load = self._ref, self.carried.mass_kg
         held = ref.p_WF[HANDS].mean(axis=0)
         com = (ref.mass_kg * ref.com[:2] + load * held[:2]) / (ref.mass_kg + load)
-        return plan_step_back(self._qp.terms.p_WF[FEET].copy(), com, distance_m)
+        return plan_step_back(self._qp.terms.p_WF[FEET].copy(), com, float(ref.com[2]), distance_m)
 
     def _follow(self, memory: PickupMemory) -> None:
         ref, t, k = self._ref, self._targets, self._contacts
         ref.q[:], ref.v[:] = memory.reference, self._rate
         ref.refresh()
-        t.com_pos[:], t.com_vel[:] = ref.com, ref.v_com
+        t.com_pos[:], t.com_vel[:], t.com_acc[:] = ref.com, ref.v_com, self._com_acc
         t.frame_pos[PELVIS], t.frame_rot[PELVIS], t.frame_vel[PELVIS] = (
             ref.p_WF[PELVIS],
             ref.R_WF[PELVIS],
