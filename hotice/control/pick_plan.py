@@ -7,6 +7,7 @@ locked wrists turn an object with the forearm; the legs give the height.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +26,14 @@ GRASP_ABOVE_CENTRE_M = 0.035
 PREGRASP_GAP_M = 0.07
 PALM_REACH_M = 0.14  # a palm further than this behind the near face is not asked for
 CLEAR_M = 0.03  # between object and support
-READY_ARM = np.array([0.8, 0.5, 0.6, -0.4])  # left: hands wide and drawn back [rad]
-COM_BOX_M = np.array([[-0.03, -0.06], [0.05, 0.06]])
+READY_ARM = np.array([0.8, 0.6, 0.9, -0.7])  # left: hands wide and drawn back [rad]
+TIPS_M = np.array([[0.075, 0.0, -0.04], [-0.1, 0.0, -0.04]])  # of the hand frame: fingers and wrist, from below
+COM_BOX_M = np.array([[-0.035, -0.05], [0.05, 0.05]])
 MAX_GAP_M = 0.008
 MAX_OFF_M = 0.08
 LEG_WEIGHT, ARM_WEIGHT = 0.02, 0.05
-RETREAT_KNOTS = 5
+RETREAT_KNOTS = 8
+STEPPING_HEIGHT_M = 0.755  # highest pelvis at which the legs are long enough to step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +61,7 @@ class PickPlan:
         crouch: pelvis ready for the grasp, arms drawn back; pregrasp: palms off the object; grasp: palms on it.
         retreat: (K, 27) from the grasp over the lifted object to the carry state.
         lift_knots: how many of them belong to the lift.
-        p_OH: (2, 3) palms in the object frame; hand_point: (2, 3) where the load acts in the hand frames [m].
+        p_OH: (2, 3) palms in the object frame; p_HO: (2, 3) the object's centre in the hand frames [m].
         p_GO: (3,) where the object ends, in G as it is then; back_m: how far the robot steps back between lift and retreat.
     """
 
@@ -68,7 +71,7 @@ class PickPlan:
     retreat: Array
     lift_knots: int
     p_OH: Array
-    hand_point: Array
+    p_HO: Array
     p_GO: Array
     back_m: float
 
@@ -94,7 +97,9 @@ class Planner:
         self.carry = solve_carry(carried, grasp_height_m=self.above_m)
         self.terms = Terms(self.carry.wrist_pos)
         self._ik = KeyframeIk(self.terms)
-        self.rise_m = 0.06
+        self.rise_m = 2 * CLEAR_M
+        p, half = self.carry.object_pos_W, carried.half_extents_m
+        self.steps_back = bool(p[0] + half[0] + CLEAR_M > support.near_m and p[2] - half[2] < support.top_m + CLEAR_M)
 
     def plan(self, q_start: Array, p_GO: Array, quat_GO: Array) -> PickPlan:
         """Plans from a standing configuration (27,) to an object at p_GO (3,), quat_GO (4,). Raises `PickInfeasible`."""
@@ -109,13 +114,16 @@ class Planner:
         hands = [(f, t.p_WF[f].copy(), t.R_WF[f].copy()) for f in (LEFT_HAND, RIGHT_HAND)]
         p_OH = np.array([pose.R_WO.T @ (p - pose.p_WO) for _, p, _ in hands])
         centre = np.array([R.T @ (pose.p_WO - p) for _, p, R in hands])
-        centre[:, 1] = [-PALM_RADIUS_M, PALM_RADIUS_M]
 
         legs, arms = np.full(20, LEG_WEIGHT), np.full(20, ARM_WEIGHT)
         arms[g1.LOWER] = LEG_WEIGHT
 
         def before(p: Pose) -> list[Rows]:
-            return [*self._stand(p, feet, 0.0, pose.p_WO), p.frame(PELVIS, pelvis_p, pelvis_R, (10.0, 10.0))]
+            rows = [*self._stand(p, feet, 0.0, pose.p_WO), p.frame(PELVIS, pelvis_p, pelvis_R, (10.0, 10.0))]
+            for hand in (LEFT_HAND, RIGHT_HAND):
+                tips, J = p.point(hand, TIPS_M)
+                rows.append(hinge(tips[:, 2] - self.support.top_m - 0.05, J[:, 2], 50.0))
+            return rows
 
         def pregrasp(p: Pose) -> list[Rows]:
             return [
@@ -125,7 +133,7 @@ class Planner:
             ]
 
         pre = self._ik.solve(grasp, grasp[7:], arms, pregrasp)
-        legs[g1.UPPER] = 3.0
+        legs[g1.UPPER] = 1.0
         ready = np.concatenate([grasp[7:19], ready_joints(self.carry)[g1.UPPER]])
         crouch = self._ik.solve(grasp, ready, legs, before)
 
@@ -135,14 +143,13 @@ class Planner:
         halfway = self._held(grasp, grasp[7:], holds, _between(pose, lifted, 0.5), arms=0.5, upright=0.1)
         up = self._held(halfway, grasp[7:], holds, lifted, arms=0.5, upright=0.1)
         end = self._held(self._carry_q(q_start), self.carry.joint_pos, holds, final, arms=0.3, upright=1.0)
-        retreat, q = [grasp, halfway, up], up
+        retreat = [grasp, halfway, up]
         for share in np.linspace(0.0, 1.0, RETREAT_KNOTS + 1)[1:-1]:
             guess = t._pin.interpolate(t.model, up, end, share)
-            q = self._held(guess, guess[7:], holds, _between(lifted, final, share), arms=0.3, upright=share)
-            retreat.append(q)
+            retreat.append(self._pulled(guess, holds, _between(lifted, final, share)))
         retreat.append(end)
         return PickPlan(
-            crouch=crouch, pregrasp=pre, grasp=grasp, retreat=np.array(retreat), lift_knots=2, p_OH=p_OH, hand_point=centre,
+            crouch=crouch, pregrasp=pre, grasp=grasp, retreat=np.array(retreat), lift_knots=2, p_OH=p_OH, p_HO=centre,
             p_GO=final.p_WO, back_m=back,
         )  # fmt: skip
 
@@ -157,7 +164,7 @@ class Planner:
         room = np.array([self.support.near_m - 0.07 - x[0] for x, _ in knees])
         return [
             *(p.frame(f, at, R, (300.0, 100.0)) for f, at, R in feet),
-            hinge(np.concatenate([com - COM_BOX_M[0], COM_BOX_M[1] - com]), np.concatenate([J, -J]), 100.0),
+            _inside(com, J),
             (1.0 * com, 1.0 * J),
             hinge(room, np.array([-by_v[0] for _, by_v in knees]), 100.0),
         ]
@@ -177,10 +184,11 @@ class Planner:
                 distance, normal = surface_distance(carried, (chest - pose.p_WO) @ pose.R_WO)
                 return [
                     *self._stand(p, feet, 0.0, pose.p_WO),
+                    _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
                     p.palms(carried, pose, 0.0, stiff),
                     p.hand_places(pose, place, np.eye(3), 15.0),
                     p.hand_pitch(0.0, 2.0),
-                    p.pelvis_turn(np.array([0.0, 0.1, yaw]), np.array([2.0, 0.4, turn])),
+                    p.pelvis_turn(np.array([0.0, 0.1, yaw]), np.array([2.0, 1.0, turn])),
                     hinge(distance - 0.02, np.einsum("kc,kcv->kv", normal @ pose.R_WO.T, J), 100.0),
                 ]
 
@@ -223,14 +231,13 @@ class Planner:
         return best
 
     def _rise(self, pose: ObjectPose) -> float:
-        bottom = self.support.top_m + self.carried.half_extents_m[2]
-        return max(bottom + 2 * CLEAR_M - pose.p_WO[2], 0.06)
+        return self.rise_m
 
     def _carry_pose(self, pose: ObjectPose) -> tuple[ObjectPose, float]:
         """Where the carry state has the object, and how far to step back first where the support is in the way [m]."""
         p, half = self.carry.object_pos_W, self.carried.half_extents_m
         back = 0.0
-        if p[0] + half[0] + CLEAR_M > self.support.near_m and p[2] - half[2] < self.support.top_m + CLEAR_M:
+        if self.steps_back:
             extent = np.abs(pose.R_WO[0]) @ half
             back = float(pose.p_WO[0] + extent + CLEAR_M - self.support.near_m)
         return ObjectPose(p_WO=p, R_WO=np.eye(3)), back
@@ -250,11 +257,43 @@ class Planner:
         def rows(p: Pose) -> list[Rows]:
             found = self._stand(p, holds.feet, self.carried.mass_kg, at.p_WO)
             for (f, _, R_hand), place in zip(holds.hands, holds.p_OH, strict=True):
-                found.append(p.frame(f, at.p_WO + at.R_WO @ place, R @ R_hand, (60.0, 8.0)))
+                found.append(p.frame(f, at.p_WO + at.R_WO @ place, R @ R_hand, (200.0, 40.0)))
             found.append(p.pelvis_turn(np.zeros(3), turn))
+            if self.steps_back:
+                low, J = STEPPING_HEIGHT_M - self.terms.p_WF[PELVIS, 2:3], -self.terms.J_WF[PELVIS, 2:3]
+                found.append(hinge(low, J, 60.0))
             return found
 
         return self._ik.solve(start, posture, weight, rows)
+
+    def _pulled(self, guess: Array, holds: _Holds, at: ObjectPose) -> Array:
+        """The robot near `guess`, with its hands as far apart and turned as at the grasp; the object may be ahead of `at`."""
+        weight = np.full(20, 0.3)
+        weight[g1.LOWER] = LEG_WEIGHT
+        R = at.R_WO @ holds.grasped.R_WO.T
+        pelvis = _rpy(self.terms._pin, guess[3:7])
+        apart = at.R_WO @ (holds.p_OH[0] - holds.p_OH[1])
+        middle = at.p_WO + at.R_WO @ (0.5 * (holds.p_OH[0] + holds.p_OH[1]))
+        lowest = self.support.top_m + self.carried.half_extents_m[2] + 0.5 * CLEAR_M + self.above_m
+
+        def rows(p: Pose) -> list[Rows]:
+            t, (left, right) = self.terms, (LEFT_HAND, RIGHT_HAND)
+            found = self._stand(p, holds.feet, self.carried.mass_kg, at.p_WO)
+            found.append(
+                (200.0 * (t.p_WF[left] - t.p_WF[right] - apart), 200.0 * (t.J_WF[left, :3] - t.J_WF[right, :3]))
+            )
+            mean, J = 0.5 * (t.p_WF[left] + t.p_WF[right]), 0.5 * (t.J_WF[left, :3] + t.J_WF[right, :3])
+            soft = np.array([2.0, 60.0, 10.0])
+            found.append((soft * (mean - middle), soft[:, None] * J))
+            if not self.steps_back:
+                found.append(hinge(mean[2:] - lowest, J[2:], 60.0))
+            for f, _, R_hand in holds.hands:
+                r, J = p.frame(f, t.p_WF[f], R @ R_hand, (0.0, 40.0))
+                found.append((r[3:], J[3:]))
+            found.append(p.pelvis_turn(pelvis, np.array([2.0, 1.0, 2.0])))
+            return found
+
+        return self._ik.solve(guess, guess[7:], weight, rows)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,6 +304,15 @@ class _Holds:
     hands: list
     grasped: ObjectPose
     p_OH: Array
+
+
+def _inside(com: Array, J: Array) -> Rows:
+    """Centre of mass within `COM_BOX_M`."""
+    return hinge(np.concatenate([com - COM_BOX_M[0], COM_BOX_M[1] - com]), np.concatenate([J, -J]), 100.0)
+
+
+def _rpy(pin: Any, quat: Array) -> Array:
+    return pin.rpy.matrixToRpy(pin.Quaternion(quat).matrix())
 
 
 def _between(a: ObjectPose, b: ObjectPose, s: float) -> ObjectPose:

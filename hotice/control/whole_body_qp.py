@@ -52,7 +52,7 @@ class QpConfig:
     """Of a standing foot's velocity [1/s]."""
     force_weight: float = 2e-5
     """Of squared foot forces [1/N²]."""
-    hand_weight: float = 1e-2
+    hand_weight: float = 1.0
     """Of the squared difference to the wished hand forces [1/N²]."""
     acceleration_weight: float = 1e-3
     """Of squared accelerations."""
@@ -120,6 +120,7 @@ class WholeBodyQp:
         )
         self._weighted = np.zeros((tasks.ROWS, NV))
         self._force_ref = np.zeros(6)
+        self._h = np.zeros(NV)
 
     def start(self, measurement: Measurement) -> QpMemory:
         """Memory before the first solve: no torque, the measured joint angles (zero where not finite)."""
@@ -148,7 +149,7 @@ class WholeBodyQp:
             return self._fallback(measurement, memory)
         p, x = self.problem, memory.guess.x
         np.dot(p.C[TORQUE_ROWS], x, out=memory.torque)
-        memory.torque += self.terms.h[NV - NUM_JOINTS :]
+        memory.torque += self._h[NV - NUM_JOINTS :]
         np.clip(memory.torque, -self._full_limit, self._full_limit, out=memory.torque)
         memory.joint_pos[:] = measurement.joint_pos
         memory.in_a_row = 0
@@ -185,7 +186,8 @@ class WholeBodyQp:
         reference[2] -= 0.5 * k.load_kg * touch.GRAVITY
         reference[5] -= 0.5 * k.load_kg * touch.GRAVITY
         _objective(A, b, w, self._weighted, c.acceleration_weight, c.force_weight, c.hand_weight, reference, p.H, p.g)
-        _dynamics(t.M, t.h, self._limit, p.A, p.b, p.C, p.lower, p.upper)
+        touch.add_moments(t.J_WF, k.hand_moment_W, t.h, self._h)
+        _dynamics(t.M, self._h, self._limit, p.A, p.b, p.C, p.lower, p.upper)
         _limits(t.q, t.v, t.lower, t.upper, c.limit_horizon_s, p.lower, p.upper)
         touch.stack_feet(
             t.J_WF, t.R_WF, touch.SOLE_POINTS_M, c.foot_friction, k.foot_force_max_n, p.A, p.C, p.upper, FIRST_CONE
