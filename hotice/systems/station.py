@@ -57,7 +57,7 @@ class Station(Diagram):
         late, latency_s = draw_delays(config.sensing, dt, self.task.substeps, config.seed)
         qpos = start_qpos(self.carry, self.scene.start)
         period_s = dt if config.servo == "motor" and not latency_s else self.physics_dt_s
-        plant, adaptor, joints = add_plant(builder, self.plant_name, self, qpos, period_s)
+        plant, adaptor = add_plant(builder, self.plant_name, self, qpos, period_s)
         sensors = _add(builder, "sensor_model", SensorModel(config.carried, config.sensing, dt, config.seed, late))
         fields = _add(builder, "guidance_field", GuidanceFieldSystem(self.pf, self.task))
         connect(builder, adaptor, "robot_state", sensors, "robot_state")
@@ -74,7 +74,7 @@ class Station(Diagram):
         if torques:
             servo = _add(builder, "joint_pd", JointPd())
             connect(builder, target, "joint_target", servo, "joint_target")
-            connect(builder, joints, "joint_state", servo, "joint_state")
+            connect(builder, adaptor, "joint_state", servo, "joint_state")
             connect(builder, servo, "torque", safety, "command")
         else:
             connect(builder, target, "joint_target", safety, "command")

@@ -13,7 +13,7 @@ from hotice.errors import InvalidConfig
 from hotice.model import builder as models
 from hotice.systems.compose import connect
 from hotice.systems.mujoco_plant import MujocoPlant
-from hotice.systems.state_adaptor import StateAdaptor, joint_state_selector, mujoco_to_robot_state
+from hotice.systems.state_adaptor import MujocoStateAdaptor
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
@@ -23,8 +23,8 @@ PLANTS = ("mujoco", "drake")
 
 def add_plant(
     builder: DiagramBuilder, name: str, station: Station, qpos: NDArray[np.float64], period_s: float
-) -> tuple[Any, StateAdaptor, Any]:  # fmt: skip
-    """Adds `plant`, `state_adaptor` and `joint_state`; the default Context starts at `qpos` (34,), at rest.
+) -> tuple[Any, Any]:
+    """Adds `plant` and `state_adaptor`; the default Context starts at `qpos` (34,), at rest.
 
     `period_s`: for which commands are held, at least the physics step.
     """
@@ -33,15 +33,9 @@ def add_plant(
     model, carry = station_model(station), station.carry
     ctrl = carry.joint_target if station.config.servo == "motor" else np.zeros(model.nu)
     plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl, period_s))
-    convert = mujoco_to_robot_state(carry.wrist_pos)
-    adaptor = builder.AddNamedSystem("state_adaptor", StateAdaptor(model.nq + model.nv, convert))
-    connect(builder, plant, "state", adaptor, "state")
-    q = 1 + 7 + np.arange(20)  # after the time
-    joints = builder.AddNamedSystem(
-        "joint_state", joint_state_selector(plant.size, q, 1 + model.nq + 6 + np.arange(20))
-    )  # fmt: skip
-    connect(builder, plant, "full_state", joints, "state")
-    return plant, adaptor, joints
+    adaptor = builder.AddNamedSystem("state_adaptor", MujocoStateAdaptor(plant.size, plant.first, carry.wrist_pos))
+    connect(builder, plant, "full_state", adaptor, "full_state")
+    return plant, adaptor
 
 
 def station_model(station: Station) -> mujoco.MjModel:
