@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
-from hotice.errors import InvalidConfig
 from hotice.model import builder as models
 from hotice.systems.compose import connect
+from hotice.systems.drake_plant import DrakePlant
 from hotice.systems.mujoco_plant import MujocoPlant
-from hotice.systems.state_adaptor import MujocoStateAdaptor
+from hotice.systems.state_adaptor import DrakeStateAdaptor, MujocoStateAdaptor
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
@@ -28,10 +28,17 @@ def add_plant(
 
     `period_s`: for which commands are held, at least the physics step.
     """
+    carry, config = station.carry, station.config
     if name == "drake":
-        raise InvalidConfig("later")
-    model, carry = station_model(station), station.carry
-    ctrl = carry.joint_target if station.config.servo == "motor" else np.zeros(model.nu)
+        servo = config.servo == "motor"
+        drake = DrakePlant(station.scene, carry.carried, carry.wrist_pos, qpos, station.physics_dt_s, servo)
+        plant = builder.AddNamedSystem("plant", drake)
+        size = plant.GetOutputPort("state").size()
+        adaptor = builder.AddNamedSystem("state_adaptor", DrakeStateAdaptor(size, plant.index, carry.wrist_pos))
+        connect(builder, plant, "state", adaptor, "state")
+        return plant, adaptor
+    model = station_model(station)
+    ctrl = carry.joint_target if config.servo == "motor" else np.zeros(model.nu)
     plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl, period_s))
     adaptor = builder.AddNamedSystem("state_adaptor", MujocoStateAdaptor(plant.size, plant.first, carry.wrist_pos))
     connect(builder, plant, "full_state", adaptor, "full_state")
