@@ -68,10 +68,9 @@ class DrakePlant(Diagram):
             for o in scene.obstacles
         ]
         _filter(scene_graph, groups)
-        gains = dict(zip(g1.ACTION_JOINTS, zip(*g1.gains(), strict=True), strict=True))
-        for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices(robot)):
-            if servo:
-                kp, kd = gains[actuator.joint().name()]
+        if servo:
+            for joint, kp, kd in zip(g1.ACTION_JOINTS, *g1.gains(), strict=True):
+                actuator = plant.GetJointActuatorByName(joint.removesuffix("_joint"))
                 actuator.set_controller_gains(PdControllerGains(p=kp, d=kd))
         plant.Finalize()
         self.plant, self.scene_graph = plant, scene_graph

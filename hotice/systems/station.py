@@ -30,8 +30,8 @@ from hotice.systems.station_plant import PLANTS, add_plant
 
 CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
 """hold: the carry state's joint targets, without a policy: standing with the object."""
-TORQUE_DT_S = 0.002
-"""Physics step where the diagram commands torques [s]."""
+FINE_DT_S = 0.002
+"""Physics step but where the policy meets the plant that it was trained in [s]."""
 Array = NDArray[np.float64]
 
 
@@ -46,7 +46,8 @@ class Station(Diagram):
         self.pf = build_hod_pf(self.scene)
         self.policy = open_policy(config.policy)
         self.task = PolicyTask.from_meta(self.policy.meta, self.policy.name)
-        self.physics_dt_s = _physics_step(config, self.task)
+        trained = plant == "mujoco" and controller == "policy" and config.servo == "motor"
+        self.physics_dt_s = _physics_step(config, self.task, trained)
         builder = DiagramBuilder()
         self._assemble(builder, meshcat)
         build(builder, self)
@@ -130,9 +131,8 @@ def _add(builder: DiagramBuilder, name: str, system: System) -> Any:
     return builder.AddNamedSystem(name, system)
 
 
-def _physics_step(config: StationConfig, task: PolicyTask) -> float:
-    default = task.physics_dt_s if config.servo == "motor" else TORQUE_DT_S
-    step = config.physics_dt_s or default
+def _physics_step(config: StationConfig, task: PolicyTask, trained: bool) -> float:
+    step = config.physics_dt_s or (task.physics_dt_s if trained else FINE_DT_S)
     ratio = task.control_dt_s / step
     if abs(ratio - round(ratio)) > 1e-6 or ratio < 1:
         raise InvalidConfig(f"physics_dt_s is {step!r}: the control period {task.control_dt_s:g} s must be a multiple")

@@ -37,8 +37,8 @@ class StationConfig:
     """motor: joint targets go to the motors' own servos, which the plant integrates implicitly, as in training. pd: a servo
     in the diagram commands torques every physics step. Controllers that command torques need neither."""
     physics_dt_s: float | None = None
-    """Step of either plant, and of the torque loop; the control period must be a multiple. Default: 0.005 s with servo
-    motor, else 0.002 s."""
+    """Step of either plant, and of the torque loop; the control period must be a multiple. Default: as in training where
+    the policy drives the MuJoCo plant's own servos, else 0.002 s."""
     sensing: SensingConfig = field(default_factory=SensingConfig)
     """Noise and delay of what the policy reads; in a file exact, student or a mapping."""
     seed: int = 0
