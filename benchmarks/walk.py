@@ -1,0 +1,251 @@
+"""The walking baseline: 2 m on the open floor, then the scenes of bench20 by category.
+
+    python -m benchmarks.walk [--rollouts 100] [--scenes bench20] [--scene-rollouts 5] [--seed 0]
+
+Success as the project scores policies (paper, V-A): the root comes within 0.1 m of the goal before any fall, drop or collision
+of robot or object, exact geometry in every physics step; starts are spread by 3 cm and 0.1 rad, objects are the evaluator's.
+The baseline walks slower than the policies, so each trial goes on to the horizon and is scored twice: at 5 s, as the paper
+does, and at the horizon. State is exact, without noise, delays or pushes, unless --noise is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from hotice.control.plant import TorquePlant
+from hotice.control.walk import WalkConfig, WalkController, plan_walk
+from hotice.errors import HoticeError
+from hotice.fields import HodPf, build_hod_pf
+from hotice.learn.scene_sets import resolve_scenes
+from hotice.learn.trials import Trials
+from hotice.learn.wilson import wilson
+from hotice.model import builder, g1
+from hotice.model.carry import CarryState, solve_carry
+from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
+from hotice.model.object_range import ObjectRange
+from hotice.model.scene import Scene
+
+PAPER_S = 5.0
+GOAL_M = 0.1
+PHYSICS_S = 0.005
+SETTLED_S = 1.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Outcome, its time [s], root to goal then and at 5 s [m]; planned: whether a plan was found; step_ms: of the controller."""
+
+    outcome: str
+    time_s: float
+    distance_m: float
+    distance_5s_m: float
+    faults: int
+    step_ms: float
+    clearance_m: float
+
+    def at(self, horizon_s: float) -> tuple[str, float, float]:
+        """Outcome, distance and time had the trial ended at `horizon_s`."""
+        if self.time_s <= horizon_s:
+            return self.outcome, self.distance_m, self.time_s
+        return "timeout", self.distance_5s_m, horizon_s
+
+
+def start_qpos(state: CarryState, scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Where the evaluator starts: the carry state at the scene's start, spread."""
+    x, y, yaw = scene.start
+    x, y = np.array([x, y]) + rng.uniform(-0.03, 0.03, 2)
+    yaw = yaw + rng.uniform(-0.1, 0.1)
+    turn = quat_from_yaw(yaw)
+    qpos = state.qpos()
+    offset = qpos[27:30] - qpos[:3]
+    qpos[:2] = x, y
+    qpos[3:7] = quat_mul(turn, qpos[3:7])
+    qpos[27:30] = qpos[:3] + quat_rotate(turn, offset)
+    qpos[30:34] = quat_mul(turn, qpos[30:34])
+    qpos[7:19] += rng.uniform(-0.02, 0.02, 12)
+    qpos[[2, 29]] += 0.008
+    return qpos
+
+
+def ankles(plant: TorquePlant) -> tuple[float, float, float]:
+    """Middle between the ankles and heading of the pelvis."""
+    feet = [plant.data.body(f"{s}_ankle_roll_link").xpos[:2] for s in g1.SIDES]
+    R = plant.data.body("pelvis").xmat.reshape(3, 3)
+    x, y = np.mean(feet, axis=0)
+    return float(x), float(y), float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+def run_trial(
+    scene: Scene, pf: HodPf, state: CarryState, config: WalkConfig, seed: int, horizon_s: float, *, elliptic: bool = False,
+    stay_s: float = 0.0, log: list | None = None,
+) -> Trial:  # fmt: skip
+    """One trial; it ends at success (after `stay_s` more without failure), failure or the horizon."""
+    rng = np.random.default_rng(seed)
+    dt = 0.002 if elliptic else PHYSICS_S
+    model = builder.build_model(state.carried, scene, wrist_pos=state.wrist_pos, timestep_s=dt, elliptic=elliptic)
+    plant = TorquePlant(model)
+    plant.reset(start_qpos(state, scene, rng))
+    goal = np.array(scene.goal[:2])
+    first = plant.measure()
+    distance = distance_5s = float(np.linalg.norm(first.p_WP[:2] - goal))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            plan = plan_walk(pf, state, ankles(plant), config, first_foot=seed % 2)
+    except HoticeError:
+        return Trial("no_plan", 0.0, distance, distance, 0, 0.0, 0.0)
+    controller = WalkController(plan, state, config)
+    memory = controller.start(first)
+    hands = [model.site(f"{s}_hand").id for s in g1.SIDES]
+    substeps = round(1.0 / controller.rate_hz / dt)
+    spent, count, faults, reached_s, outcome = 0.0, 0, 0, np.inf, "timeout"
+    hits = has_hits(plant)
+    while plant.data.time < horizon_s - 1e-9:
+        measurement = plant.measure()
+        begin = time.perf_counter()
+        command, memory = controller.step(memory, measurement)
+        spent, count, faults = spent + time.perf_counter() - begin, count + 1, command.faults
+        touched = None
+        for _ in range(substeps):
+            plant.step(command.torque)
+            touched = touched or (hits() if hits else None)
+        if log is not None:
+            log.append((plant.data.time, plant.data.qpos.copy(), memory))
+        root = plant.data.qpos[:3]
+        if np.isfinite(reached_s) is np.False_ or not np.isfinite(reached_s):
+            distance = float(np.linalg.norm(root[:2] - goal))
+        if plant.data.time <= PAPER_S + 1e-9:
+            distance_5s = float(np.linalg.norm(root[:2] - goal))
+        failed = failure(plant, hands) or touched
+        if failed:
+            return Trial(
+                failed, plant.data.time, distance, distance_5s, faults, 1e3 * spent / count, plan.profile.clearance_m
+            )
+        if not np.isfinite(reached_s) and distance < GOAL_M:
+            reached_s, outcome = plant.data.time, "success"
+        if plant.data.time >= reached_s + stay_s:
+            break
+    end = reached_s if np.isfinite(reached_s) else plant.data.time
+    return Trial(outcome, end, distance, distance_5s, faults, 1e3 * spent / count, plan.profile.clearance_m)
+
+
+def failure(plant: TorquePlant, hands: list[int]) -> str | None:
+    """Fall or drop, by the conditions of the task (`hotice.sim.terminations`)."""
+    data = plant.data
+    if not np.isfinite(data.qpos).all():
+        return "unstable"
+    R = data.body("pelvis").xmat.reshape(3, 3)
+    if data.qpos[2] < 0.35 or R[2, 2] < 0.5:
+        return "fall"
+    box = data.qpos[27:30]
+    if np.linalg.norm(box - data.site_xpos[hands].mean(axis=0)) > 0.15 or box[2] < 0.25:
+        return "drop"
+    return None
+
+
+def has_hits(plant: TorquePlant):
+    """Reads the contact sensors of exact collision scoring, where the scene has obstacles."""
+    sensors = [i for i in range(plant.model.nsensor) if plant.model.sensor(i).name in builder.HIT_SENSORS]
+    if not sensors:
+        return None
+    at = [int(plant.model.sensor(name).adr[0]) for name in builder.HIT_SENSORS]
+
+    def hits() -> str | None:
+        robot, load = plant.data.sensordata[at] > 0
+        return "robot_collision" if robot else "object_collision" if load else None
+
+    return hits
+
+
+def category(name: str) -> str:
+    """`bench20/06_beam_across` -> `beam_across`."""
+    return name.rsplit("/", 1)[-1].lstrip("0123456789_") or name
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rollouts", type=int, default=100, help="trials on the open floor")
+    parser.add_argument("--scenes", nargs="*", default=["bench20"])
+    parser.add_argument("--scene-rollouts", type=int, default=5, help="trials a scene")
+    parser.add_argument("--horizon", type=float, default=12.0, help="longest trial [s]")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--fine", action="store_true", help="2 ms steps and elliptic cones")
+    args = parser.parse_args()
+    console, config = Console(width=130), WalkConfig()
+    rng, ranges = np.random.default_rng(args.seed), ObjectRange()
+    states: list[CarryState] = []
+    while len(states) < max(args.rollouts, args.scene_rollouts):
+        try:
+            states.append(solve_carry(ranges.sample(rng)))
+        except HoticeError:
+            continue
+    results: dict[str, list[Trial]] = {}
+    for names, rollouts, stay in ((["open_floor"], args.rollouts, SETTLED_S), (args.scenes, args.scene_rollouts, 0.0)):
+        for scene in resolve_scenes(names) if rollouts and names else []:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                pf = build_hod_pf(scene)
+            trials = []
+            for i in range(rollouts):
+                trial = run_trial(
+                    scene, pf, states[i], config, args.seed + i, args.horizon, elliptic=args.fine, stay_s=stay
+                )
+                trials.append(trial)
+            results[scene.name] = trials
+            causes = {o: [t.outcome for t in trials].count(o) for o in sorted({t.outcome for t in trials})}
+            console.print(f"{scene.name}: {causes}", highlight=False)
+    report(console, results, args.horizon)
+
+
+def report(console: Console, results: dict[str, list[Trial]], horizon_s: float) -> None:
+    """Two tables: by scene at 5 s and at the horizon, and by category."""
+    groups = {}
+    for name, trials in results.items():
+        groups.setdefault(category(name), []).extend(trials)
+    for title, rows in (("by scene", results), ("by category", groups)):
+        table = Table(title=f"walking baseline, {title}; success at {PAPER_S:g} s and at {horizon_s:g} s")
+        for column in ("scene", "trials", "5 s", f"{horizon_s:g} s", "interval", "distance 5 s", f"{horizon_s:g} s [m]",
+                       "time [s]", "speed [m/s]", "falls", "drops", "robot hits", "object hits", "late", "no plan",
+                       "faults"):  # fmt: skip
+            table.add_column(column, justify="right")
+        for name, trials in rows.items():
+            add_row(table, name, trials, horizon_s)
+        if len(rows) > 1:
+            add_row(table, "all scenes", [t for n, ts in rows.items() if n != "open_floor" for t in ts], horizon_s)
+        console.print(table)
+    spent = [t.step_ms for ts in results.values() for t in ts if t.step_ms > 0]
+    if spent:
+        console.print(f"controller {np.mean(spent):.2f} ms a step (mean of trials)")
+
+
+def add_row(table: Table, name: str, trials: list[Trial], horizon_s: float) -> None:
+    """One row of the report."""
+    if not trials:
+        return
+    scored = []
+    for horizon in (PAPER_S, horizon_s):
+        outcome, distance, seconds = zip(*(t.at(horizon) for t in trials), strict=True)
+        scored.append(Trials(outcome=outcome, distance_m=distance, time_s=seconds))
+    short, full = scored
+    low, high = wilson(full.successes, full.rollouts)
+    times = [t.time_s for t in trials if t.outcome == "success"]
+    mean = float(np.mean(times)) if times else float("nan")
+    counts = full.outcomes
+    table.add_row(
+        name, str(full.rollouts), f"{short.successes / short.rollouts:.0%}", f"{full.successes / full.rollouts:.0%}",
+        f"{low:.0%}-{high:.0%}", f"{np.mean(short.distance_m):.2f}", f"{np.mean(full.distance_m):.2f}", f"{mean:.2f}",
+        f"{(2.0 - GOAL_M) / mean:.2f}", *(str(counts.get(k, 0)) for k in (
+            "fall", "drop", "robot_collision", "object_collision", "timeout", "no_plan")),
+        str(sum(t.faults for t in trials)),
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""Numbers of the walking baseline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hotice.errors import InvalidConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkConfig:
+    """Gait, clearances and heights; every number is ours.
+
+    Raises `InvalidConfig` for values that no gait has.
+    """
+
+    step_length_m: float = 0.20
+    """Usual advance from one foothold to the next."""
+    longest_step_m: float = 0.46
+    """Largest advance, over a ground obstacle."""
+    half_width_m: float = 0.1185
+    """Feet to either side of the way; as they stand in a carry state."""
+    swing_s: float = 0.42
+    """Time of single support of a usual step."""
+    swing_speed_m_s: float = 1.2
+    """Mean speed of a foot above which a step takes longer."""
+    double_support_s: float = 0.08
+    """Time for which the load moves from one foot to the other."""
+    shift_s: float = 0.45
+    """Time for which the load moves onto the first stance foot."""
+    swing_height_m: float = 0.06
+    """Height of the sole at the top of a usual step."""
+    swing_clearance_m: float = 0.02
+    """Added to the height that passes over a ground obstacle."""
+    ground_margin_m: float = 0.025
+    """Distance of soles to ground obstacles."""
+    body_margin_m: float = 0.07
+    """Distance of body and load to other obstacles, where there is room."""
+    head_margin_m: float = 0.05
+    """Distance of head and load to what hangs over them."""
+    pelvis_height_m: float = 0.71
+    """Height of the pelvis while walking."""
+    zmp_ahead_m: float = 0.035
+    """Zero-moment point of a stance foot ahead of its ankle."""
+    dcm_gain: float = 1.5
+    """Feedback of the DCM error to the zero-moment point while both feet stand, beyond one."""
+    settle_s: float = 0.4
+    """Time for which the load moves to the middle after the last step."""
+    freeze_s: float = 0.08
+    """Before the landing, foothold and time stay as they are for this long."""
+    hurry_s: float = 0.12
+    """By how much step adjustment may land earlier."""
+    wait_s: float = 0.12
+    """By how much it may land later."""
+    touch_n: float = 40.0
+    """Force on a swing foot that counts as its landing [N]."""
+    height_speed_m_s: float = 0.20
+    """Fastest change of the pelvis height."""
+    lean_speed_rad_s: float = 0.5
+    """Fastest change of the lean."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0:
+                raise InvalidConfig(f"{name} is {value!r}: a number above 0 is needed")
+        if not self.step_length_m <= self.longest_step_m <= 0.6:
+            raise InvalidConfig(
+                f"longest_step_m is {self.longest_step_m!r}: allowed are step_length_m ({self.step_length_m:g}) to 0.6"
+            )
+        if not 0.45 <= self.pelvis_height_m <= 0.77:
+            raise InvalidConfig(f"pelvis_height_m is {self.pelvis_height_m!r}: allowed are 0.45 to 0.77")
+
+    def swing_time(self, distance_m: float, apex_m: float) -> float:
+        """Time of single support of a step whose foot travels `distance_m` and rises to `apex_m` [s]."""
+        way = distance_m + 2.0 * max(0.0, apex_m - self.swing_height_m)
+        return max(self.swing_s, way / self.swing_speed_m_s)

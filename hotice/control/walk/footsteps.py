@@ -1,0 +1,121 @@
+"""Footsteps along a way: alternating, evenly spaced where the floor is free, to both sides of what lies on it.
+
+The stations of the steps minimise the squared deviation from the usual step length; stations where a sole would touch a
+ground obstacle are left out. One dynamic programme over (station, foot) finds them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.control.walk.config import WalkConfig
+from hotice.control.walk.ground import Ground
+from hotice.control.walk.path import WalkPath
+from hotice.errors import UnreachableGoal
+
+Array = NDArray[np.float64]
+GRID_M = 0.01
+LEFT, RIGHT = 0, 1
+SIDE = (1.0, -1.0)
+
+
+@dataclass(frozen=True)
+class Footstep:
+    """Where a foot lands: foot (0 left, 1 right), ankle position x, y [m], yaw [rad], station of the way [m], and the time
+    of single support before the landing, span_s, and of the landing since the start, time_s [s]."""
+
+    foot: int
+    x: float
+    y: float
+    yaw: float
+    station: float
+    span_s: float
+    time_s: float = 0.0
+    apex_m: float = 0.0
+
+    @property
+    def xy(self) -> Array:
+        """(2,) [m]."""
+        return np.array([self.x, self.y])
+
+
+def foot_place(path: WalkPath, station: Array | float, foot: int, half_width_m: float) -> tuple[Array, Array]:
+    """Ankle position (..., 2) [m] and yaw (...) [rad] of a foot beside the way."""
+    xy, yaw = path.at(station)
+    return xy + SIDE[foot] * half_width_m * np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1), yaw
+
+
+def plan_footsteps(
+    path: WalkPath, ground: Ground, config: WalkConfig, *, first_foot: int = LEFT, from_station: float = 0.0
+) -> list[Footstep]:
+    """Steps that bring both feet from `from_station` to the end of the way; the last two land side by side.
+
+    Raises `UnreachableGoal` where ground obstacles leave no foothold within the longest step.
+    """
+    end = path.length_m
+    count = max(2, int(np.ceil((end - from_station) / GRID_M)) + 1)
+    stations = np.linspace(from_station, end, count)
+    if end - from_station < 2 * GRID_M:
+        return []
+    spacing = stations[1] - stations[0]
+    free = []
+    for foot in (LEFT, RIGHT):
+        xy, yaw = foot_place(path, stations, foot, config.half_width_m)
+        free.append(ground.sole_height(xy, yaw) <= 0.0)
+    usual = config.step_length_m
+    reach = int(np.floor(config.longest_step_m / spacing + 1e-9))
+    gains = np.arange(0, reach + 1) * spacing
+    price = ((gains - usual) / usual) ** 2 + 0.05
+    price[gains < 0.5 * usual] += 0.3  # a shuffle costs time
+    price += np.maximum(gains - config.step_length_m, 0.0) ** 2 / usual**2 * 2.0
+    best = np.full((2, count), np.inf)
+    before = np.full((2, count), -1)
+    best[1 - first_foot, 0] = 0.0
+    free[1 - first_foot][0] = True
+    # stations ascend, feet alternate; equal stations only from the other foot at the same place
+    for k in range(count):
+        for _ in range(2):
+            for foot in (LEFT, RIGHT):
+                if not free[foot][k]:
+                    continue
+                low = max(0, k - reach)
+                options = best[1 - foot, low : k + 1] + price[: k - low + 1][::-1]
+                j = int(np.argmin(options))
+                if options[j] < best[foot, k] - 1e-12:
+                    best[foot, k], before[foot, k] = options[j], low + j
+    last = min((LEFT, RIGHT), key=lambda f: best[f, -1] + (0.0 if free[1 - f][-1] else np.inf))
+    if not np.isfinite(best[last, -1]) or not free[1 - last][-1]:
+        raise UnreachableGoal(
+            f"no footholds within steps of {config.longest_step_m:g} m lead over the ground obstacles: "
+            "raise longest_step_m or move the obstacles"
+        )
+    chain, foot, k = [], last, count - 1
+    while not (k == 0 and foot == 1 - first_foot and before[foot, k] < 0):
+        chain.append((foot, k))
+        k, foot = int(before[foot, k]), 1 - foot
+        if k < 0:
+            break
+    chain.reverse()
+    steps = []
+    place = {f: np.array(foot_place(path, from_station, f, config.half_width_m)[0]) for f in (LEFT, RIGHT)}
+    time_s = config.shift_s
+    for foot, k in [*chain, (1 - last, count - 1)]:
+        xy, yaw = foot_place(path, stations[k], foot, config.half_width_m)
+        apex = config.swing_height_m
+        over = swing_height(ground, place[foot], xy, float(yaw))
+        apex = max(apex, over + config.swing_clearance_m if over > 0 else 0.0)
+        span = config.swing_time(float(np.linalg.norm(xy - place[foot])), apex)
+        time_s += span
+        steps.append(Footstep(foot, float(xy[0]), float(xy[1]), float(yaw), float(stations[k]), span, time_s, apex))
+        time_s += config.double_support_s
+        place[foot] = np.asarray(xy)
+    return steps
+
+
+def swing_height(ground: Ground, start: Array, end: Array, yaw: float) -> float:
+    """Least height of the sole that passes over everything between two footholds [m]."""
+    share = np.linspace(0.0, 1.0, 25)[:, None]
+    return float(ground.sole_height(start + share * (end - start), yaw).max())
