@@ -6,14 +6,27 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import (
-    AddContactMaterial, Box, Capsule, CollisionFilterDeclaration, Cylinder, GeometryId, GeometrySet, HalfSpace,
-    ProximityProperties, Role, RoleAssign, SceneGraph, Shape, Sphere,
-)  # fmt: skip
-from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import AbstractValue
-from pydrake.multibody.plant import AddMultibodyPlant, ContactResults, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
+from pydrake.geometry import (
+    AddContactMaterial,
+    CollisionFilterDeclaration,
+    GeometryId,
+    GeometrySet,
+    HalfSpace,
+    ProximityProperties,
+    Role,
+    RoleAssign,
+    SceneGraph,
+    Shape,
+)  # fmt: skip
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    ContactResults,
+    CoulombFriction,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
 from pydrake.multibody.tree import PdControllerGains, SpatialInertia, UnitInertia
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
@@ -23,6 +36,7 @@ from hotice.model import builder as models
 from hotice.model import g1
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
+from hotice.systems.shapes import pose, primitive
 from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, TOUCHING_BODIES
 
 Array = NDArray[np.float64]
@@ -64,7 +78,7 @@ class DrakePlant(Diagram):
         groups["object"] = [_add_object(plant, carried)]
         groups["floor"] = [_add_fixed(plant, RigidTransform(), HalfSpace(), "floor", "floor")]
         groups["obstacle"] = [
-            _add_fixed(plant, _pose(o.position_m, o.quaternion_wxyz), _shape(o), o.name, "obstacle")
+            _add_fixed(plant, pose(o.position_m, o.quaternion_wxyz), _shape(o), o.name, "obstacle")
             for o in scene.obstacles
         ]
         _filter(scene_graph, groups)
@@ -175,7 +189,7 @@ def _add_object(plant: MultibodyPlant, carried: CarriedObject) -> GeometryId:
     body = plant.AddRigidBody(
         models.OBJECT_BODY, plant.AddModelInstance(models.OBJECT_BODY), SpatialInertia(carried.mass_kg, np.zeros(3), unit)
     )  # fmt: skip
-    shape = _drake_shape(*carried.mujoco_geom())
+    shape = primitive(*carried.mujoco_geom())
     plant.RegisterVisualGeometry(body, RigidTransform(), shape, "object", np.array([0.80, 0.60, 0.35, 1.0]))
     return plant.RegisterCollisionGeometry(body, RigidTransform(), shape, "object", _properties("object"))
 
@@ -189,20 +203,7 @@ def _shape(obstacle: Any) -> Shape:
         raise NotAvailable(
             f"obstacle {obstacle.name!r} is a triangle mesh, which plant 'drake' cannot touch exactly: use plant 'mujoco'"
         )
-    return _drake_shape(*obstacle.shape.mujoco_geom())
-
-
-def _drake_shape(kind: str, size: tuple[float, ...]) -> Shape:
-    """Drake's shape of a MuJoCo primitive: half extents, or radius and half length along z [m]."""
-    if kind == "box":
-        return Box(*(2.0 * v for v in size[:3]))
-    if kind == "sphere":
-        return Sphere(size[0])
-    return {"cylinder": Cylinder, "capsule": Capsule}[kind](size[0], 2.0 * size[1])
-
-
-def _pose(position: Any, quat: Any) -> RigidTransform:
-    return RigidTransform(RotationMatrix(Quaternion(np.asarray(quat, dtype=float))), np.asarray(position, dtype=float))
+    return primitive(*obstacle.shape.mujoco_geom())
 
 
 def _index(plant: MultibodyPlant) -> Array:

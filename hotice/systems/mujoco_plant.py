@@ -108,7 +108,9 @@ class MujocoPlant(LeafSystem):
             contact = data.contact[i]
             bodies = model.geom_bodyid[contact.geom]
             mujoco.mj_contactForce(model, data, i, wrench)
-            on_second_W = contact.frame.reshape(3, 3).T @ wrench[:3]  # its x axis points from the first geom to the second
+            on_second_W = (
+                contact.frame.reshape(3, 3).T @ wrench[:3]
+            )  # its x axis points from the first geom to the second
             for body, sign in zip(bodies, (-1.0, 1.0), strict=True):
                 if int(body) in self._touching:
                     force[self._touching[int(body)]] += sign * on_second_W

@@ -38,7 +38,9 @@ class PolicySystem(LeafSystem):
         CheckpointError: the policy reads another observation.
     """
 
-    def __init__(self, policy: PolicySession, carry: CarryState, latency_s: float = 0.0, phase_rad: float = 0.0) -> None:
+    def __init__(
+        self, policy: PolicySession, carry: CarryState, latency_s: float = 0.0, phase_rad: float = 0.0
+    ) -> None:
         super().__init__()
         check_layout(policy.name, policy.layout, LAYOUT)
         self.policy = policy

@@ -22,7 +22,12 @@ _ROOT, _AGE, _LATE, _SEED, _LAST = slice(0, 4), 4, 5, 6, slice(7, 7 + PERCEPT)
 
 
 def measure(
-    true: Percept, root: Array, draws: Array, config: SensingConfig, world_aligned: bool, joint_offset: Array | float = 0.0
+    true: Percept,
+    root: Array,
+    draws: Array,
+    config: SensingConfig,
+    world_aligned: bool,
+    joint_offset: Array | float = 0.0,
 ) -> tuple[Percept, Array]:
     """A measurement of a true percept, and the estimate of the root's place that it holds.
 

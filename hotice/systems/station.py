@@ -23,10 +23,12 @@ from hotice.systems.compose import build, connect
 from hotice.systems.guidance_field import GuidanceFieldSystem
 from hotice.systems.joint_pd import JointPd
 from hotice.systems.policy import PolicySystem
+from hotice.systems.recording import add_loggers
 from hotice.systems.safety_monitor import SafePosture, SafetyMonitor
 from hotice.systems.sensor_model import SensorModel, draw_delays
 from hotice.systems.station_config import StationConfig
 from hotice.systems.station_plant import PLANTS, add_plant
+from hotice.systems.visualizer import Visualizer
 
 CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
 """hold: the carry state's joint targets, without a policy: standing with the object."""
@@ -80,6 +82,18 @@ class Station(Diagram):
         else:
             connect(builder, target, "joint_target", safety, "command")
         connect(builder, safety, "command", plant, "actuation")
+        if config.log_hz:
+            add_loggers(builder, 1.0 / config.log_hz)
+        if meshcat is not None:
+            view = Visualizer(meshcat, self.scene, self.carry.carried, config.meshcat_hz)
+            _add(builder, "visualizer", view)
+            for source, port in (
+                (adaptor, "robot_state"),
+                (sensors, "percept"),
+                (fields, "guidance"),
+                (plant, "contact_force"),
+            ):
+                connect(builder, source, port, view, port)
 
 
 class HeldPosture(LeafSystem):
@@ -87,7 +101,9 @@ class HeldPosture(LeafSystem):
 
     def __init__(self, target: Array) -> None:
         super().__init__()
-        self.DeclareVectorOutputPort("joint_target", len(target), lambda _, output: output.SetFromVector(target), {self.nothing_ticket()})
+        self.DeclareVectorOutputPort(
+            "joint_target", len(target), lambda _, output: output.SetFromVector(target), {self.nothing_ticket()}
+        )
 
 
 def make_station(
