@@ -40,7 +40,7 @@ def add_loggers(builder: DiagramBuilder, period_s: float) -> None:
     for system in builder.GetSystems():
         for i in range(system.num_output_ports()):
             port = system.get_output_port(i)
-            if port.get_data_type() is PortDataType.kVectorValued and port.size():
+            if port.get_data_type() == PortDataType.kVectorValued and port.size():
                 sink = LogVectorOutput(port, builder, period_s)
                 sink.set_name(f"{PREFIX}{system.get_name()}.{port.get_name()}")
 
