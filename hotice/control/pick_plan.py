@@ -33,6 +33,7 @@ MAX_GAP_M = 0.008
 MAX_OFF_M = 0.08
 LEG_WEIGHT, ARM_WEIGHT = 0.02, 0.05
 RETREAT_KNOTS = 8
+STEPPING_HEIGHT_M = 0.755  # highest pelvis at which the legs are long enough to step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,6 +260,9 @@ class Planner:
             for (f, _, R_hand), place in zip(holds.hands, holds.p_OH, strict=True):
                 found.append(p.frame(f, at.p_WO + at.R_WO @ place, R @ R_hand, (60.0, 8.0)))
             found.append(p.pelvis_turn(np.zeros(3), turn))
+            if self.steps_back:
+                low, J = STEPPING_HEIGHT_M - self.terms.p_WF[PELVIS, 2:3], -self.terms.J_WF[PELVIS, 2:3]
+                found.append(hinge(low, J, 60.0))
             return found
 
         return self._ik.solve(start, posture, weight, rows)

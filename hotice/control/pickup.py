@@ -1,6 +1,6 @@
 """Picking an object up from a support, as a phase machine over the whole-body QP.
 
-settle -> crouch -> reach -> close -> squeeze -> lift -> retreat -> hold; a missed grasp opens the hands, plans anew and tries
+settle -> crouch -> reach -> close -> squeeze -> lift (-> back, where the support is in the way) -> retreat -> hold; a missed grasp opens the hands, plans anew and tries
 again; what cannot be mended ends in `abort`: hands off, back to standing, or, with the object in hand, standing still.
 Positions are measured in G: origin on the floor between the feet at the start, x ahead.
 """
@@ -17,8 +17,9 @@ from hotice.control.contacts import GRAVITY, Contacts
 from hotice.control.controller import Command, Measurement
 from hotice.control.path import along
 from hotice.control.pick_plan import PickPlan, Planner, Support
+from hotice.control.step_back import StepBack, plan_step_back
 from hotice.control.tasks import Targets
-from hotice.control.terms import LEFT_HAND, PELVIS, RIGHT_HAND, Terms
+from hotice.control.terms import LEFT_FOOT, LEFT_HAND, PELVIS, RIGHT_FOOT, RIGHT_HAND, Terms
 from hotice.control.whole_body_qp import QpConfig, QpMemory, WholeBodyQp
 from hotice.errors import InvalidConfig, PickInfeasible
 from hotice.model import g1
@@ -26,7 +27,10 @@ from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
 HANDS = slice(LEFT_HAND, RIGHT_HAND + 1)
-PHASES = ("settle", "crouch", "reach", "close", "squeeze", "lift", "retreat", "hold", "open", "stand", "abort")
+FEET = slice(LEFT_FOOT, RIGHT_FOOT + 1)
+STANDING_N = 400.0
+LANDED_N, SEARCH_M = 10.0, 0.01  # a foot that should stand but feels less goes on downwards
+PHASES = ("settle", "crouch", "reach", "close", "squeeze", "lift", "back", "retreat", "hold", "open", "stand", "abort")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +89,9 @@ class PickupMemory:
     plan: PickPlan | None = None
     squeeze_n: float = 0.0
     load_share: float = 0.0
+    stepping: StepBack | None = None
+    air: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(2, dtype=bool))
+    shift_m: float = 0.0
     lost_since_s: float | None = None
     object_z_m: float = 0.0
     attempt: int = 0
@@ -93,7 +100,7 @@ class PickupMemory:
 
     def copy(self) -> PickupMemory:
         """An independent copy; plans are never changed and are shared."""
-        return replace(self, qp=copy.deepcopy(self.qp), log=list(self.log))
+        return replace(self, qp=copy.deepcopy(self.qp), air=self.air.copy(), log=list(self.log))
 
 
 class Pickup:
@@ -162,6 +169,7 @@ class Pickup:
     def _advance(self, memory: PickupMemory, m: Measurement) -> None:
         c, elapsed, plan = self.config, m.time_s - memory.since_s, memory.plan
         before = memory.reference
+        self._com_acc = np.zeros(3)
         if memory.phase == "settle":
             if elapsed >= c.settle_s:
                 self._plan(memory, m)
@@ -201,12 +209,28 @@ class Pickup:
             memory.reference = self._along(plan.retreat[: plan.lift_knots + 1], elapsed / c.lift_s)
             risen, planned = float(m.p_WO[2]) - memory.object_z_m, self.planner.rise_m
             if elapsed >= c.lift_s:
-                if risen >= c.risen_share * planned:
-                    self._enter(memory, m, "retreat")
-                else:
+                if risen < c.risen_share * planned:
                     self._missed(memory, m, f"object rose {100 * risen:.0f} of {100 * planned:.0f} cm")
+                elif plan.back_m > 0.0:
+                    memory.stepping = self._stepping(memory, plan.back_m)
+                    self._enter(memory, m, "back")
+                else:
+                    self._enter(memory, m, "retreat")
+        elif memory.phase == "back":
+            shift, self._com_acc[:2] = memory.stepping.shift(elapsed)
+            swing, landing, self._feet, self._feet_rate = memory.stepping.feet_at(elapsed)
+            memory.air[:] = np.arange(2) == swing
+            if landing >= 0 and m.foot_force_W is not None and np.linalg.norm(m.foot_force_W[landing]) < LANDED_N:
+                self._feet[landing, 2] -= SEARCH_M
+                memory.air[landing] = True
+            memory.reference = memory.came_from.copy()
+            memory.reference[:2] += shift
+            if elapsed >= memory.stepping.seconds:
+                memory.shift_m, memory.air[:] = -plan.back_m, False
+                self._enter(memory, m, "retreat")
         elif memory.phase == "retreat":
             memory.reference = self._along(plan.retreat[plan.lift_knots :], elapsed / c.retreat_s)
+            memory.reference[0] += memory.shift_m
             if elapsed >= c.retreat_s:
                 self._enter(memory, m, "hold")
         elif memory.phase == "open":
@@ -221,7 +245,7 @@ class Pickup:
             memory.reference = self._along([memory.came_from, memory.start], elapsed / c.stand_s)
             if elapsed >= c.stand_s:
                 self._enter(memory, m, "abort")
-        if memory.phase in ("lift", "retreat", "hold"):
+        if memory.phase in ("lift", "back", "retreat", "hold"):
             self._watch(memory, m)
         self._rate = self._qp.terms._pin.difference(self._ref.model, before, memory.reference) * c.rate_hz
 
@@ -278,12 +302,21 @@ class Pickup:
         t.gain_joints(np.where(np.arange(20) < g1.LOWER.stop, 0.02, 1.0), 12.0)
         for hand in ("left_hand", "right_hand"):
             t.gain_frame(hand, [4.0, 4.0, 4.0, 0.0, 0.0, 0.0], 12.0)
+        for foot in ("left_foot", "right_foot"):  # of a foot in the air
+            t.gain_frame(foot, 30.0, 16.0)
+
+    def _stepping(self, memory: PickupMemory, distance_m: float) -> StepBack:
+        """Course of stepping back from where the feet of the reference are."""
+        ref, load = self._ref, self.carried.mass_kg
+        held = ref.p_WF[HANDS].mean(axis=0)
+        com = (ref.mass_kg * ref.com[:2] + load * held[:2]) / (ref.mass_kg + load)
+        return plan_step_back(self._qp.terms.p_WF[FEET].copy(), com, float(ref.com[2]), distance_m)
 
     def _follow(self, memory: PickupMemory) -> None:
         ref, t, k = self._ref, self._targets, self._contacts
         ref.q[:], ref.v[:] = memory.reference, self._rate
         ref.refresh()
-        t.com_pos[:], t.com_vel[:] = ref.com, ref.v_com
+        t.com_pos[:], t.com_vel[:], t.com_acc[:] = ref.com, ref.v_com, self._com_acc
         t.frame_pos[PELVIS], t.frame_rot[PELVIS], t.frame_vel[PELVIS] = (
             ref.p_WF[PELVIS],
             ref.R_WF[PELVIS],
@@ -291,9 +324,12 @@ class Pickup:
         )
         t.frame_pos[HANDS], t.frame_vel[HANDS], t.frame_rot[HANDS] = ref.p_WF[HANDS], ref.v_WF[HANDS], ref.R_WF[HANDS]
         t.joint_pos[:], t.joint_vel[:] = ref.q[7:], ref.v[6:]
-        line = (
-            self._qp.terms.p_WF[LEFT_HAND] - self._qp.terms.p_WF[RIGHT_HAND]
-        )  # of the true hands: no moment on the object
+        k.foot_force_max_n[:] = STANDING_N
+        if memory.air.any():
+            k.foot_force_max_n[memory.air] = 0.0
+            t.frame_pos[FEET], t.frame_vel[FEET, :3] = self._feet, self._feet_rate
+        true = self._qp.terms.p_WF
+        line = true[LEFT_HAND] - true[RIGHT_HAND]  # of the hands as they are: no moment on the object
         line /= np.linalg.norm(line)
         k.hand_normal_W[0], k.hand_normal_W[1] = line, -line
         k.hand_force_ref_W[:] = memory.squeeze_n * k.hand_normal_W

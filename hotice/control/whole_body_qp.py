@@ -52,7 +52,7 @@ class QpConfig:
     """Of a standing foot's velocity [1/s]."""
     force_weight: float = 2e-5
     """Of squared foot forces [1/N²]."""
-    hand_weight: float = 1e-2
+    hand_weight: float = 1.0
     """Of the squared difference to the wished hand forces [1/N²]."""
     acceleration_weight: float = 1e-3
     """Of squared accelerations."""
