@@ -42,7 +42,8 @@ class MujocoPlant(LeafSystem):
         self._holds = b""  # the state that `_data` was left in
         self.nq, self.nv, self.nu = model.nq, model.nv, model.nu
         self._touching = {model.body(name).id: i for i, name in enumerate(TOUCHING_BODIES)}
-        self.size = mujoco.mj_stateSize(model, STATE)
+        self.size, self.first = (mujoco.mj_stateSize(model, part) for part in (STATE, mujoco.mjtState.mjSTATE_TIME))
+        self._motion = slice(self.first, self.first + self.nq + self.nv)  # qpos and qvel follow the time
         index = self.DeclareDiscreteState(self.state_vector(qpos, ctrl=ctrl))
         only_state = {self.discrete_state_ticket(index)}
         self._actuation = self.DeclareVectorInputPort("actuation", self.nu)
@@ -53,8 +54,6 @@ class MujocoPlant(LeafSystem):
         if self._steps < 1:
             raise InvalidStation(f"period_s is {period_s!r}: at least the time step {model.opt.timestep:g} s is needed")
         self.DeclarePeriodicDiscreteUpdateEvent(self._steps * model.opt.timestep, 0.0, self._step)
-        first = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_TIME)
-        self._motion = slice(first, first + self.nq + self.nv)
 
     def state_vector(
         self, qpos: ArrayLike, qvel: ArrayLike | None = None, ctrl: ArrayLike | None = None, time_s: float = 0.0

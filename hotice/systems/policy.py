@@ -17,8 +17,8 @@ from hotice.policies.policy_file import check_layout
 from hotice.systems.signals import GUIDANCE, NUM_JOINTS, PERCEPT
 
 Array = NDArray[np.float64]
-_ACTION, _TARGET, _HELD, _PHASE, _SINCE = (*(slice(n, n + 20) for n in (0, 20, 40)), 60, 61)
-_STATE_SIZE = 62
+ACTION, TARGET, HELD, CLOCK = range(4)
+"""Groups of the state: last action (20,), target (20,) and the one before (20,) [rad], step clock [rad] and time [s]."""
 
 
 class PolicySystem(LeafSystem):
@@ -47,51 +47,49 @@ class PolicySystem(LeafSystem):
         self.task = PolicyTask.from_meta(policy.meta, policy.name)
         self._carrying, self._target = Carrying.of(carry), np.asarray(carry.joint_target, dtype=float)
         self._scale, self._latency = self.task.action_scale, latency_s
-        self._phase0 = phase_rad
-        index = self.DeclareDiscreteState(self._rest())
-        reads = {self.discrete_state_ticket(index)} | ({self.time_ticket()} if latency_s else set())
+        self._phase_step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
+        self._rest = (np.zeros(NUM_JOINTS), self._target, self._target, np.array([phase_rad, -1.0]))
+        groups = [self.DeclareDiscreteState(rest) for rest in self._rest]
         self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
         self._guidance = self.DeclareVectorInputPort("guidance", GUIDANCE)
         self._active = self.DeclareVectorInputPort("active", 1)
-        self.DeclareVectorOutputPort("joint_target", NUM_JOINTS, self._output_target, reads)
-        self.DeclareVectorOutputPort("action", NUM_JOINTS, self._output_action, {self.discrete_state_ticket(index)})
+        if latency_s:
+            reads = {self.all_state_ticket(), self.time_ticket()}
+            self.DeclareVectorOutputPort("joint_target", NUM_JOINTS, self._output_target, reads)
+        else:
+            self.DeclareStateOutputPort("joint_target", groups[TARGET])
+        self.DeclareStateOutputPort("action", groups[ACTION])
         self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
 
     def observation(self, context: Context) -> NDArray[np.float32]:
         """What the policy would read now, (241,); rows as in `hotice.policies.observation.LAYOUT`."""
         percept = Percept(self._percept.Eval(context))
         reading = FieldReading(self._guidance.Eval(context))
-        held = context.get_discrete_state_vector().value()
-        return observe(percept, reading, self._carrying, held[_ACTION], float(held[_PHASE]))
-
-    def _rest(self) -> Array:
-        rest = np.zeros(_STATE_SIZE)
-        rest[_TARGET] = rest[_HELD] = self._target
-        rest[_PHASE], rest[_SINCE] = self._phase0, -1.0
-        return rest
+        action, clock = (context.get_discrete_state(group).value() for group in (ACTION, CLOCK))
+        return observe(percept, reading, self._carrying, action, float(clock[0]))
 
     def _act(self, context: Context, state: State) -> None:
-        new = state.get_mutable_discrete_state(0)
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
-            new.SetFromVector(self._rest())
+            for group, rest in enumerate(self._rest):
+                state.get_mutable_discrete_state(group).SetFromVector(rest)
             return
-        held = context.get_discrete_state_vector().value()
         raw = self.policy.run(self.observation(context)[None])[0].astype(float)
         action = next_action(raw, self.task.action_limit)
-        step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
-        target = self._target + self._scale * action
-        clock = ((held[_PHASE] + step) % (2.0 * math.pi), context.get_time())
-        new.SetFromVector(np.concatenate([action, target, held[_TARGET], clock]))
+        phase = context.get_discrete_state(CLOCK).value()[0] + self._phase_step
+        new = state.get_mutable_discrete_state(TARGET)
+        state.get_mutable_discrete_state(HELD).SetFromVector(new.value())
+        new.SetFromVector(self._target + self._scale * action)
+        state.get_mutable_discrete_state(ACTION).SetFromVector(action)
+        state.get_mutable_discrete_state(CLOCK).SetFromVector([phase % (2.0 * math.pi), context.get_time()])
 
     def _output_target(self, context: Context, output: BasicVector) -> None:
-        held = context.get_discrete_state_vector().value()
-        early = self._latency and context.get_time() < held[_SINCE] + self._latency - 1e-9
-        output.SetFromVector(held[_HELD] if early else held[_TARGET])
-
-    def _output_action(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[_ACTION])
+        since = context.get_discrete_state(CLOCK).value()[1]
+        early = context.get_time() < since + self._latency - 1e-9
+        output.SetFromVector(context.get_discrete_state(HELD if early else TARGET).value())
 
 
 def next_action(raw: Array, limit: float) -> Array:
     """What the environment makes of a network's output (20,): finite, within ± `limit`."""
-    return np.clip(np.nan_to_num(raw, nan=0.0, posinf=limit, neginf=-limit), -limit, limit)
+    if not math.isfinite(raw.dot(raw)):
+        raw = np.nan_to_num(raw, nan=0.0)
+    return np.minimum(np.maximum(raw, -limit), limit)

@@ -50,12 +50,12 @@ class SafetyLimits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SafePosture:
-    """Joint targets (20,) [rad] and static torques (20,) [N m] that hold; joint ranges (20,) [rad]; gains and limits."""
+    """Joint targets (20,) [rad] and static torques (20,) [N m] that hold; middle and half of the joint ranges (20,) [rad]; gains and limits."""
 
     target: Array
     torque: Array
-    low: Array
-    high: Array
+    middle: Array
+    half_range: Array
     kp: Array
     kd: Array
     limit: Array
@@ -67,7 +67,7 @@ class SafePosture:
         low, high = model.jnt_range[[model.joint(name).id for name in g1.ACTION_JOINTS]].T
         kp, kd = g1.gains()
         return cls(
-            target=carry.joint_target, torque=carry.torque, low=low.copy(), high=high.copy(), kp=kp, kd=kd,
+            target=carry.joint_target, torque=carry.torque, middle=0.5 * (low + high), half_range=0.5 * (high - low), kp=kp, kd=kd,
             limit=torque_limits(),
         )  # fmt: skip
 
@@ -81,8 +81,8 @@ def find_fault(state: Array, command: Array, posture: SafePosture, limits: Safet
     x, y = state[4:6].tolist()
     if 1.0 - 2.0 * (x * x + y * y) < math.cos(limits.tilt_rad):
         return Fault.TILT
-    q = state[JOINT_POS]
-    if np.minimum(q - posture.low, posture.high - q).min() < -limits.joint_margin_rad:
+    beyond = np.abs(state[JOINT_POS] - posture.middle) - posture.half_range
+    if beyond.max() > limits.joint_margin_rad:
         return Fault.JOINT_LIMIT
     return Fault.NONE
 
@@ -119,7 +119,7 @@ class SafetyMonitor(LeafSystem):
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         self._command = self.DeclareVectorInputPort("command", NUM_JOINTS)
         self.DeclareVectorOutputPort("command", NUM_JOINTS, self._output_command)
-        self.DeclareVectorOutputPort("faults", 5, self._output_faults, {self.discrete_state_ticket(index)})
+        self.DeclareStateOutputPort("faults", index)
         self.DeclarePeriodicUnrestrictedUpdateEvent(control_dt_s, 0.0, self._check)
 
     def _check(self, context: Context, state: State) -> None:
@@ -144,6 +144,3 @@ class SafetyMonitor(LeafSystem):
             output.SetFromVector(safe_torque(self._state.Eval(context), self.posture, fault))
         else:
             output.SetFromVector(self.posture.target)
-
-    def _output_faults(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value())

@@ -2,86 +2,109 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
-from pydrake.systems.primitives import Selector, SelectorParams
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, Selector, SelectorParams
 
 from hotice.model import g1
-from hotice.model.robot_state import joint_index
-from hotice.systems.signals import NQ, ROBOT_STATE
+from hotice.systems.signals import JOINT_POS, JOINT_VEL, NQ, ROBOT_STATE
 
 Array = NDArray[np.float64]
+MUJOCO_STATE = 66
+"""qpos (34,) and qvel (32,) of the 20-joint model with object."""
 _WRISTS = 7 + np.array([g1.ALL_JOINTS.index(j) for j in g1.WRIST_JOINTS])
-_ACTION = joint_index(20)
+_MUJOCO_PLACES = np.concatenate(
+    [np.arange(7), JOINT_POS, np.arange(36, 43), NQ + np.arange(6), JOINT_VEL, NQ + np.arange(35, 41)]
+)  # fmt: skip
 
 
-class StateAdaptor(LeafSystem):
-    """Input `state` (n,): of a plant. Output `robot_state` (84,): see `signals`. `convert` maps one to the other."""
-
-    def __init__(self, size: int, convert: Callable[[Array], Array]) -> None:
-        super().__init__()
-        self._convert = convert
-        self._state = self.DeclareVectorInputPort("state", size)
-        self.DeclareVectorOutputPort("robot_state", ROBOT_STATE, self._output)
-
-    def _output(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._convert(self._state.Eval(context)))
+def robot_state_of_mujoco(state: Array, wrist_pos: Array) -> Array:
+    """(66,) -> (84,): qpos and qvel of the 20-joint model with object, wrists welded at `wrist_pos` (6,) [rad]."""
+    out = np.zeros(ROBOT_STATE)
+    out[_WRISTS] = wrist_pos
+    out[_MUJOCO_PLACES] = state
+    return out
 
 
-def joint_state_selector(size: int, q_index: Array, v_index: Array) -> Selector:
-    """Drake's own block: input `state` (size,), output `joint_state` (40,): q [rad], q̇ [rad/s] (`g1.ACTION_JOINTS`)."""
-    params = SelectorParams()
-    params.inputs = [SelectorParams.InputPortParams(name="state", size=size)]
-    chosen = [
-        SelectorParams.OutputSelection(input_port_index=0, input_offset=int(i)) for i in (*q_index, *v_index)
-    ]  # fmt: skip
-    params.outputs = [SelectorParams.OutputPortParams(name="joint_state", selections=chosen)]
+class MujocoStateAdaptor(Diagram):
+    """Input `full_state` (size,): of a `MujocoPlant`. Outputs `robot_state` (84,) and `joint_state` (40,): q, q̇.
+
+    Made of Drake's own blocks; equal to `robot_state_of_mujoco`. `first`: where qpos begins in the input.
+    """
+
+    def __init__(self, size: int, first: int, wrist_pos: Array) -> None:
+        Diagram.__init__(self)
+        constants = np.append(wrist_pos, 0.0)
+        source = np.full(ROBOT_STATE, size + 6)  # the zero after the wrist angles
+        source[_WRISTS] = size + np.arange(6)
+        source[_MUJOCO_PLACES] = first + np.arange(MUJOCO_STATE)
+        builder = DiagramBuilder()
+        selector = builder.AddNamedSystem(
+            "select",
+            selector_of((size, 7), {"robot_state": source, "joint_state": source[np.append(JOINT_POS, JOINT_VEL)]}),
+        )
+        welded = builder.AddNamedSystem("welded", ConstantVectorSource(constants))
+        builder.Connect(welded.get_output_port(), selector.get_input_port(1))
+        builder.ExportInput(selector.get_input_port(0), "full_state")
+        for name in ("robot_state", "joint_state"):
+            builder.ExportOutput(selector.GetOutputPort(name), name)
+        builder.BuildInto(self)
+
+
+def selector_of(sizes: Sequence[int], outputs: dict[str, Array]) -> Selector:
+    """Drake's block that picks elements: `outputs` index into the inputs of these sizes, one after the other."""
+    params, starts = SelectorParams(), np.cumsum([0, *sizes])
+    params.inputs = [SelectorParams.InputPortParams(name=f"in{i}", size=size) for i, size in enumerate(sizes)]
+    chosen = []
+    for name, index in outputs.items():
+        port = np.searchsorted(starts, index, side="right") - 1
+        picks = [
+            SelectorParams.OutputSelection(input_port_index=int(p), input_offset=int(i - starts[p]))
+            for p, i in zip(port, index, strict=True)
+        ]
+        chosen.append(SelectorParams.OutputPortParams(name=name, selections=picks))
+    params.outputs = chosen
     return Selector(params)
 
 
-def mujoco_to_robot_state(wrist_pos: Array) -> Callable[[Array], Array]:
-    """Function (66,) -> (84,): qpos and qvel of the 20-joint model with object, wrists welded at `wrist_pos` (6,) [rad]."""
-    rest = np.zeros(ROBOT_STATE)
-    rest[_WRISTS] = wrist_pos
-    joints, joint_vel = 7 + _ACTION, NQ + 6 + _ACTION
-    index = np.concatenate(
-        [np.arange(7), joints, np.arange(36, 43), NQ + np.arange(6), joint_vel, NQ + np.arange(35, 41)]
-    )
+class DrakeStateAdaptor(LeafSystem):
+    """Input `state` (n,): [q; v] of a MultibodyPlant. Outputs `robot_state` (84,) and `joint_state` (40,): q, q̇.
 
-    def convert(state: Array) -> Array:
-        out = rest.copy()
-        out[index] = state
-        return out
+    `index` (66,): where in [q; v] to find quat and p of the pelvis, the 20 joints, quat and p of the object; w and v of the
+    pelvis, the joint velocities, w and v of the object. `wrist_pos` (6,): angles of the welded wrists [rad].
+    """
 
-    return convert
+    def __init__(self, size: int, index: Array, wrist_pos: Array) -> None:
+        super().__init__()
+        self._convert = drake_to_robot_state(index, wrist_pos)
+        self._joints = np.concatenate([index[7:27], index[40:60]])
+        self._state = self.DeclareVectorInputPort("state", size)
+        self.DeclareVectorOutputPort("robot_state", ROBOT_STATE, self._output_robot_state)
+        self.DeclareVectorOutputPort("joint_state", len(self._joints), self._output_joint_state)
+
+    def _output_robot_state(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._convert(self._state.Eval(context)))
+
+    def _output_joint_state(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._state.Eval(context)[self._joints])
 
 
-def drake_to_robot_state(q_index: Array, v_index: Array, wrist_pos: Array) -> Callable[[Array], Array]:
-    """Function (66,) -> (84,) of a MultibodyPlant's state of the same robot.
+def drake_to_robot_state(index: Array, wrist_pos: Array) -> Callable[[Array], Array]:
+    """Function (n,) -> (84,) of a MultibodyPlant's [q; v]; see `DrakeStateAdaptor`.
 
     Drake's free bodies have q = [quat wxyz, p_W] and v = [w_W, v_W]; here angular velocities are in the body.
-
-    Args:
-        q_index: (34,) where quat and p of the pelvis, the 20 joints, quat and p of the object are in the plant's q.
-        v_index: (32,) where w and v of the pelvis, the joint velocities, w and v of the object are in [q; v].
-        wrist_pos: (6,) angles of the welded wrists [rad].
     """
-    to_robot_state = mujoco_to_robot_state(wrist_pos)
-    index = np.concatenate([q_index, v_index]).astype(int)
+    index = np.asarray(index, dtype=int)
 
     def convert(state: Array) -> Array:
         x = state[index]
-        quat_WP, p_WP, q, quat_WO, p_WO = np.split(x[:34], [4, 7, 27, 31])
-        w_WP, v_WP, qd, w_WO, v_WO = np.split(x[34:], [3, 6, 26, 29])
+        quat_WP, p_WP, q, quat_WO, p_WO, w_WP, v_WP, qd, w_WO, v_WO = np.split(x, [4, 7, 27, 31, 34, 37, 40, 60, 63])
         quat_WP, quat_WO = _normalized(quat_WP), _normalized(quat_WO)
-        return to_robot_state(
-            np.concatenate([
-                p_WP, quat_WP, q, p_WO, quat_WO, v_WP, _in_body(quat_WP, w_WP), qd, v_WO, _in_body(quat_WO, w_WO),
-            ])
-        )  # fmt: skip
+        parts = [p_WP, quat_WP, q, p_WO, quat_WO, v_WP, _in_body(quat_WP, w_WP), qd, v_WO, _in_body(quat_WO, w_WO)]
+        return robot_state_of_mujoco(np.concatenate(parts), wrist_pos)
 
     return convert
 

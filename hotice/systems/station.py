@@ -1,17 +1,19 @@
 """`make_station`: plant, sensors, fields, controller and safety joined into one Diagram, for simulation and analysis.
 
-    plant ─ state_adaptor ─ sensor_model ─ guidance_field ─ policy ─ joint_pd ─ safety_monitor ─ plant
+    plant ─ state_adaptor ─ sensor_model ─ guidance_field ─ policy ─ (joint_pd) ─ safety_monitor ─ plant
 
-Time steps: plant, servo and safety at `physics_dt_s`; sensors, fields and policy at the policy's control period.
+Plant and torques step at `Station.physics_dt_s`; sensors, fields, policy and safety at the policy's control period; other
+controllers at their own rate.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from hotice.errors import InvalidConfig, NotAvailable, UnknownName
 from hotice.fields import build_hod_pf
@@ -21,74 +23,100 @@ from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.policies import PolicyTask, open_policy
 from hotice.systems.compose import build, connect
 from hotice.systems.guidance_field import GuidanceFieldSystem
-from hotice.systems.joint_pd import JointPd
-from hotice.systems.policy import PolicySystem
+from hotice.systems.recording import add_loggers
 from hotice.systems.safety_monitor import SafePosture, SafetyMonitor
 from hotice.systems.sensor_model import SensorModel, draw_delays
 from hotice.systems.station_config import StationConfig
+from hotice.systems.station_control import (
+    CONTROLLERS,
+    TORQUE_CONTROLLERS,
+    Sensed,
+    add_controller,
+    plan_pick,
+    with_table,
+)
 from hotice.systems.station_plant import PLANTS, add_plant
+from hotice.systems.visualizer import Visualizer
 
-CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
-"""hold: the carry state's joint targets, without a policy: standing with the object."""
-TORQUE_DT_S = 0.002
-"""Physics step where the diagram commands torques [s]."""
+FINE_DT_S, CONTROLLED_DT_S = 0.002, 0.005
+"""Physics step but where policies or controllers meet the plant that they were made with, and of the latter [s]."""
 Array = NDArray[np.float64]
 
 
 class Station(Diagram):
-    """The diagram, and what it was made of: config, scene, pf (fields), carry (state), plant and controller names."""
+    """The diagram, and what it was made of.
+
+    Attributes:
+        config, plant_name, controller_name: as given.
+        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields.
+        carry: carry state that the policy and `hold` keep, and where they start.
+        policy, task: the policy file and its constants. torques: commands are torques, not joint targets.
+        pick: the pick-up's setting, or None. physics_dt_s: step of the plant [s].
+    """
 
     def __init__(self, config: StationConfig, plant: str, controller: str, meshcat: Any) -> None:
         Diagram.__init__(self)
         self.config, self.plant_name, self.controller_name = config, plant, controller
-        self.scene = load_scene(config.scene)
-        self.carry = solve_carry(config.carried, Posture(pelvis_height_m=config.pelvis_height_m))
-        self.pf = build_hod_pf(self.scene)
+        self.torques = controller in TORQUE_CONTROLLERS or config.servo == "pd"
+        self.scene = self.world = load_scene(config.scene)
         self.policy = open_policy(config.policy)
         self.task = PolicyTask.from_meta(self.policy.meta, self.policy.name)
-        self.physics_dt_s = _physics_step(config, self.task)
+        self.physics_dt_s = _physics_step(self)
+        self.pick = plan_pick(self) if controller.startswith("pickup") else None
+        if self.pick is None:
+            self.carry = solve_carry(config.carried, Posture(pelvis_height_m=config.pelvis_height_m))
+        else:
+            self.carry = self.pick.controller.carry
+            self.world = with_table(self.scene, self.pick.table)
+        self.pf = build_hod_pf(self.world, self.task.resolution_m, self.task.margin_m)
         builder = DiagramBuilder()
         self._assemble(builder, meshcat)
         build(builder, self)
         self.set_name("station")
 
+    @cached_property
+    def walk_plan(self) -> Any:
+        """Footsteps and postures to the goal. Raises `UnreachableGoal`, or `NotAvailable` without the walking baseline."""
+        try:
+            from hotice.control.walk import plan_walk
+        except ModuleNotFoundError as error:
+            raise NotAvailable(f"controller 'walk' needs {error.name}, which is not installed") from None
+        return plan_walk(self.pf, self.carry, self.scene.start)
+
+    @property
+    def start_qpos(self) -> Array:
+        """Where the default Context starts, (34,) in MuJoCo's order."""
+        return start_qpos(self.carry, self.scene.start) if self.pick is None else self.pick.qpos
+
     def _assemble(self, builder: DiagramBuilder, meshcat: Any) -> None:
         config, dt = self.config, self.task.control_dt_s
         late, latency_s = draw_delays(config.sensing, dt, self.task.substeps, config.seed)
-        qpos = start_qpos(self.carry, self.scene.start)
-        period_s = dt if config.servo == "motor" and not latency_s else self.physics_dt_s
-        plant, adaptor, joints = add_plant(builder, self.plant_name, self, qpos, period_s)
+        period_s = self.physics_dt_s if self.torques or latency_s else dt
+        plant, adaptor = add_plant(builder, self, period_s)
         sensors = _add(builder, "sensor_model", SensorModel(config.carried, config.sensing, dt, config.seed, late))
         fields = _add(builder, "guidance_field", GuidanceFieldSystem(self.pf, self.task))
         connect(builder, adaptor, "robot_state", sensors, "robot_state")
         connect(builder, sensors, "percept", fields, "percept")
-        if self.controller_name == "policy":
-            target = _add(builder, "policy", PolicySystem(self.policy, self.carry, latency_s))
-            connect(builder, sensors, "percept", target, "percept")
-            connect(builder, fields, "guidance", target, "guidance")
-        else:
-            target = _add(builder, "hold", HeldPosture(self.carry.joint_target))
-        torques = config.servo == "pd"
-        safety = _add(builder, "safety_monitor", SafetyMonitor(SafePosture.of(self.carry), config.safety, dt, torques))
+        sensed = Sensed(
+            robot_state=(adaptor, "robot_state"), joint_state=(adaptor, "joint_state"), percept=(sensors, "percept"),
+            contact_force=(plant, "contact_force"), guidance=(fields, "guidance"),
+        )  # fmt: skip
+        source, port = add_controller(builder, self, sensed, latency_s)
+        monitor = SafetyMonitor(SafePosture.of(self.carry), config.safety, dt, self.torques)
+        safety = _add(builder, "safety_monitor", monitor)
         connect(builder, adaptor, "robot_state", safety, "robot_state")
-        if torques:
-            servo = _add(builder, "joint_pd", JointPd())
-            connect(builder, target, "joint_target", servo, "joint_target")
-            connect(builder, joints, "joint_state", servo, "joint_state")
-            connect(builder, servo, "torque", safety, "command")
-        else:
-            connect(builder, target, "joint_target", safety, "command")
+        connect(builder, source, port, safety, "command")
         connect(builder, safety, "command", plant, "actuation")
-
-
-class HeldPosture(LeafSystem):
-    """Output `joint_target` (20,) [rad], constant."""
-
-    def __init__(self, target: Array) -> None:
-        super().__init__()
-        self.DeclareVectorOutputPort(
-            "joint_target", len(target), lambda _, output: output.SetFromVector(target), {self.nothing_ticket()}
-        )
+        if config.log_hz:
+            add_loggers(builder, 1.0 / config.log_hz)
+        if meshcat is not None:
+            steps = self.walk_plan.footsteps if self.controller_name == "walk" else ()
+            view = Visualizer(
+                meshcat, self.world, self.carry.carried, config.meshcat_hz, [(s.x, s.y, s.yaw, s.foot) for s in steps] or None
+            )
+            _add(builder, "visualizer", view)
+            for name in ("robot_state", "percept", "guidance", "contact_force"):
+                connect(builder, *getattr(sensed, name), view, name)
 
 
 def make_station(
@@ -99,7 +127,7 @@ def make_station(
     Args:
         config: numbers of the station.
         plant: mujoco, or drake (a MultibodyPlant of the same robot, object and scene).
-        controller: policy, hold, walk, pickup or pickup_then_policy.
+        controller: policy; hold (stands with the object); walk, pickup (`hotice.control`); pickup_then_policy.
         meshcat: a pydrake Meshcat to draw into; None: no visualizer.
 
     Raises:
@@ -113,8 +141,6 @@ def make_station(
         raise UnknownName("plant", plant, PLANTS)
     if controller not in CONTROLLERS:
         raise UnknownName("controller", controller, CONTROLLERS)
-    if controller not in ("policy", "hold"):
-        raise NotAvailable(f"controller {controller!r} is not in this version: there are policy, hold")
     return Station(config, plant, controller, meshcat)
 
 
@@ -132,8 +158,10 @@ def _add(builder: DiagramBuilder, name: str, system: System) -> Any:
     return builder.AddNamedSystem(name, system)
 
 
-def _physics_step(config: StationConfig, task: PolicyTask) -> float:
-    default = task.physics_dt_s if config.servo == "motor" else TORQUE_DT_S
+def _physics_step(station: Station) -> float:
+    config, task, kind = station.config, station.task, station.controller_name
+    trained = station.plant_name == "mujoco" and kind == "policy" and config.servo == "motor"
+    default = task.physics_dt_s if trained else CONTROLLED_DT_S if kind in TORQUE_CONTROLLERS else FINE_DT_S
     step = config.physics_dt_s or default
     ratio = task.control_dt_s / step
     if abs(ratio - round(ratio)) > 1e-6 or ratio < 1:

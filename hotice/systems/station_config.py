@@ -37,8 +37,8 @@ class StationConfig:
     """motor: joint targets go to the motors' own servos, which the plant integrates implicitly, as in training. pd: a servo
     in the diagram commands torques every physics step. Controllers that command torques need neither."""
     physics_dt_s: float | None = None
-    """Step of either plant, and of the torque loop; the control period must be a multiple. Default: 0.005 s with servo
-    motor, else 0.002 s."""
+    """Step of either plant, and of the torque loop; the control period must be a multiple. Default: as in training where
+    the policy drives the MuJoCo plant's own servos, else 0.002 s."""
     sensing: SensingConfig = field(default_factory=SensingConfig)
     """Noise and delay of what the policy reads; in a file exact, student or a mapping."""
     seed: int = 0
@@ -49,15 +49,20 @@ class StationConfig:
     """When commands no longer pass."""
     support_height_m: float = 0.6
     """Top of the table from which the object is picked up."""
+    support_near_m: float = 0.25
+    """From between the feet to the table's near edge."""
+    pick_bearing_rad: float = 0.0
+    """From the scene's heading at the start to the table, left positive."""
     log_hz: float = 0.0
     """Rate at which every signal is logged; 0: not at all."""
     meshcat_hz: float = 30.0
     """Rate at which the visualizer publishes."""
 
     def __post_init__(self) -> None:
-        for name in ("meshcat_hz", "pelvis_height_m", "support_height_m"):
+        for name in ("meshcat_hz", "pelvis_height_m", "support_height_m", "support_near_m"):
             _number(name, getattr(self, name), above=0.0)
         _number("log_hz", self.log_hz)
+        _number("pick_bearing_rad", self.pick_bearing_rad, least=-np.pi)
         if self.physics_dt_s is not None:
             _number("physics_dt_s", self.physics_dt_s, above=0.0)
             if self.physics_dt_s > 0.01:
@@ -117,8 +122,8 @@ def _mapping(what: str, data: Any, known: list[str]) -> Mapping[str, Any]:
     return data
 
 
-def _number(name: str, value: Any, above: float | None = None) -> None:
+def _number(name: str, value: Any, above: float | None = None, least: float = 0.0) -> None:
     good = not isinstance(value, bool) and isinstance(value, int | float) and bool(np.isfinite(value))
-    if not good or value < 0 or (above is not None and value <= above):
-        least = "at least 0" if above is None else f"above {above:g}"
-        raise InvalidConfig(f"{name} is {value!r}: a finite number {least} is needed")
+    if not good or value < least or (above is not None and value <= above):
+        allowed = f"at least {least:g}" if above is None else f"above {above:g}"
+        raise InvalidConfig(f"{name} is {value!r}: a finite number {allowed} is needed")

@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
-from hotice.errors import InvalidConfig
 from hotice.model import builder as models
 from hotice.systems.compose import connect
+from hotice.systems.drake_plant import DrakePlant
 from hotice.systems.mujoco_plant import MujocoPlant
-from hotice.systems.state_adaptor import StateAdaptor, joint_state_selector, mujoco_to_robot_state
+from hotice.systems.state_adaptor import DrakeStateAdaptor, MujocoStateAdaptor
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
@@ -21,38 +20,38 @@ if TYPE_CHECKING:
 PLANTS = ("mujoco", "drake")
 
 
-def add_plant(
-    builder: DiagramBuilder, name: str, station: Station, qpos: NDArray[np.float64], period_s: float
-) -> tuple[Any, StateAdaptor, Any]:  # fmt: skip
-    """Adds `plant`, `state_adaptor` and `joint_state`; the default Context starts at `qpos` (34,), at rest.
+def add_plant(builder: DiagramBuilder, station: Station, period_s: float) -> tuple[Any, Any]:
+    """Adds `plant` and `state_adaptor`; the default Context starts at the station's start, at rest.
 
-    `period_s`: for which commands are held, at least the physics step.
+    `period_s`: for which the MuJoCo plant holds commands, at least the physics step.
     """
-    if name == "drake":
-        raise InvalidConfig("later")
-    model, carry = station_model(station), station.carry
-    ctrl = carry.joint_target if station.config.servo == "motor" else np.zeros(model.nu)
+    carry, qpos = station.carry, station.start_qpos
+    if station.plant_name == "drake":
+        drake = DrakePlant(
+            station.world, carry.carried, carry.wrist_pos, qpos, station.physics_dt_s, not station.torques
+        )  # fmt: skip
+        plant = builder.AddNamedSystem("plant", drake)
+        size = plant.GetOutputPort("state").size()
+        adaptor = builder.AddNamedSystem("state_adaptor", DrakeStateAdaptor(size, plant.index, carry.wrist_pos))
+        connect(builder, plant, "state", adaptor, "state")
+        return plant, adaptor
+    model = station_model(station)
+    ctrl = np.zeros(model.nu) if station.torques else carry.joint_target
     plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl, period_s))
-    convert = mujoco_to_robot_state(carry.wrist_pos)
-    adaptor = builder.AddNamedSystem("state_adaptor", StateAdaptor(model.nq + model.nv, convert))
-    connect(builder, plant, "state", adaptor, "state")
-    q = 1 + 7 + np.arange(20)  # after the time
-    joints = builder.AddNamedSystem(
-        "joint_state", joint_state_selector(plant.size, q, 1 + model.nq + 6 + np.arange(20))
-    )  # fmt: skip
-    connect(builder, plant, "full_state", joints, "state")
-    return plant, adaptor, joints
+    adaptor = builder.AddNamedSystem("state_adaptor", MujocoStateAdaptor(plant.size, plant.first, carry.wrist_pos))
+    connect(builder, plant, "full_state", adaptor, "full_state")
+    return plant, adaptor
 
 
 def station_model(station: Station) -> mujoco.MjModel:
     """The compiled model of a station: position servos where the motors have them, else motors that take torques."""
     carry = station.carry
     model = models.build_model(
-        carry.carried, station.scene, wrist_pos=carry.wrist_pos, timestep_s=station.physics_dt_s,
+        carry.carried, station.world, wrist_pos=carry.wrist_pos, timestep_s=station.physics_dt_s,
         elliptic=station.config.elliptic,
     )  # fmt: skip
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must stay visible
-    if station.config.servo == "pd":
+    if station.torques:
         to_motors(model)
     return model
 

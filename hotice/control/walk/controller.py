@@ -84,7 +84,7 @@ class WalkController:
         qp: QpConfig | None = None, rate_hz: float = 200.0,
     ) -> None:  # fmt: skip
         self.plan, self.state, self.config, self.rate_hz = plan, state, config or WalkConfig(), rate_hz
-        self.qp = WholeBodyQp(state.wrist_pos, qp)
+        self.qp = WholeBodyQp(state.wrist_pos, qp or QpConfig(limit_horizon_s=0.05, hand_weight=0.5))
         self.adjuster = StepAdjuster(adjust or AdjustConfig())
         self.load_kg = state.carried.mass_kg
         self.mass_kg = self.qp.terms.mass_kg + self.load_kg
@@ -92,10 +92,10 @@ class WalkController:
 
     def _tasks(self) -> tuple[Targets, Contacts]:
         t = Targets()
-        t.com_weight[:] = 20.0, 20.0, 0.0
-        t.gain_frame("pelvis", [0.0, 0.0, 20.0, 30.0, 30.0, 10.0], 12.0)
+        t.com_weight[:] = 50.0, 50.0, 0.0
+        t.gain_frame("pelvis", [0.0, 0.0, 60.0, 60.0, 60.0, 20.0], 12.0)
         for foot in ("left_foot", "right_foot"):
-            t.gain_frame(foot, [60.0, 60.0, 60.0, 20.0, 20.0, 20.0], 30.0)
+            t.gain_frame(foot, [60.0, 60.0, 60.0, 10.0, 3.0, 10.0], 30.0)
         t.joint_pos[:] = self.state.joint_pos
         weight = np.full(20, 0.002)
         weight[12:] = 20.0
