@@ -6,7 +6,9 @@ ground obstacle are left out. One dynamic programme over (station, foot) finds t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +16,24 @@ from numpy.typing import NDArray
 from hotice.control.walk.config import WalkConfig
 from hotice.control.walk.ground import Ground
 from hotice.control.walk.path import WalkPath
+from hotice.control.walk.swing import SwingShape
 from hotice.errors import UnreachableGoal
 
 Array = NDArray[np.float64]
 GRID_M = 0.01
+MAX_SLACK_M = 0.40
+SLACK_MARGIN_M = 0.010
+"""Distance of a sole to ground obstacles that step adjustment keeps."""
+_RISE, _LEAVE, _ARRIVE, _FALL = (0.45, 0.4, 0.35, 0.3), (0.0, 0.1, 0.15, 0.2, 0.25), (0.95, 0.85, 0.8, 0.75), (0.5, 0.6, 0.65, 0.7)
 LEFT, RIGHT = 0, 1
 SIDE = (1.0, -1.0)
 
 
 @dataclass(frozen=True)
 class Footstep:
-    """Where a foot lands: foot (0 left, 1 right), ankle position x, y [m], yaw [rad], station of the way [m], and the time
-    of single support before the landing, span_s, and of the landing since the start, time_s [s]."""
+    """Where a foot lands: foot (0 left, 1 right), ankle position x, y [m], yaw [rad], station of the way [m], the time of
+    single support before the landing, span_s, and of the landing since the start, time_s [s]; swing: over what lies between;
+    slack_m: how far back and ahead the foothold may be moved."""
 
     foot: int
     x: float
@@ -33,8 +41,9 @@ class Footstep:
     yaw: float
     station: float
     span_s: float
-    time_s: float = 0.0
-    apex_m: float = 0.0
+    time_s: float
+    swing: SwingShape
+    slack_m: tuple[float, float]
 
     @property
     def xy(self) -> Array:
@@ -100,22 +109,67 @@ def plan_footsteps(
             break
     chain.reverse()
     steps = []
+    near = Ground(ground.scene, min(SLACK_MARGIN_M, ground.margin_m))
     place = {f: np.array(foot_place(path, from_station, f, config.half_width_m)[0]) for f in (LEFT, RIGHT)}
     time_s = config.shift_s
     for foot, k in [*chain, (1 - last, count - 1)]:
         xy, yaw = foot_place(path, stations[k], foot, config.half_width_m)
-        apex = config.swing_height_m
-        over = swing_height(ground, place[foot], xy, float(yaw))
-        apex = max(apex, over + config.swing_clearance_m if over > 0 else 0.0)
-        span = config.swing_time(float(np.linalg.norm(xy - place[foot])), apex)
+        swing, span = plan_swing(ground, place[foot], xy, float(yaw), config)
+        slack = free_slack(near, xy, float(yaw))
         time_s += span
-        steps.append(Footstep(foot, float(xy[0]), float(xy[1]), float(yaw), float(stations[k]), span, time_s, apex))
+        steps.append(
+            Footstep(foot, float(xy[0]), float(xy[1]), float(yaw), float(stations[k]), span, time_s, swing, slack)
+        )
         time_s += config.double_support_s
         place[foot] = np.asarray(xy)
     return steps
 
 
-def swing_height(ground: Ground, start: Array, end: Array, yaw: float) -> float:
-    """Least height of the sole that passes over everything between two footholds [m]."""
-    share = np.linspace(0.0, 1.0, 25)[:, None]
-    return float(ground.sole_height(start + share * (end - start), yaw).max())
+def plan_swing(ground: Ground, start: Array, end: Array, yaw: float, config: WalkConfig) -> tuple[SwingShape, float]:
+    """The quickest swing whose sole passes over everything between two footholds, and its time [s].
+
+    What is below the sole is compared along the whole swing; where no shape of the table passes, the most cautious is taken.
+    """
+    distance = float(np.linalg.norm(end - start))
+    share = np.linspace(0.0, 1.0, 41)
+    needed = ground.sole_height(start + share[:, None] * (end - start), yaw)
+    needed = np.where(needed > 0.0, needed + config.swing_clearance_m, 0.0)
+    needed[[0, -1]] = 0.0
+    apex = max(config.swing_height_m, float(needed.max()))
+    usual = SwingShape(apex_m=apex)
+    if not needed.any():
+        return usual, config.swing_time(distance, usual)
+    heights, travels = _swing_table()
+    below = np.interp(travels, share, needed)
+    passes = (apex * heights >= below - 1e-9).all(axis=1)
+    shapes = [replace(shape, apex_m=apex) for shape, good in zip(_shapes(), passes, strict=True) if good]
+    shapes = shapes or [SwingShape(apex_m=apex, rise=0.3, leave=0.3, arrive=0.7, fall=0.7)]
+    spans = [config.swing_time(distance, shape) for shape in shapes]
+    k = int(np.argmin(spans))
+    return shapes[k], spans[k]
+
+
+def _shapes() -> list[SwingShape]:
+    return [
+        SwingShape(apex_m=1.0, rise=rise, leave=leave, arrive=arrive, fall=fall)
+        for rise, leave, arrive, fall in itertools.product(_RISE, _LEAVE, _ARRIVE, _FALL)
+    ]
+
+
+@lru_cache(maxsize=1)
+def _swing_table() -> tuple[Array, Array]:
+    """Height over the apex, and share of the way, of every shape at 81 instants, (shapes, 81) each."""
+    u = np.linspace(0.0, 1.0, 81)
+    heights = np.array([[shape.height(v)[0] for v in u] for shape in _shapes()])
+    return heights, np.array([[shape.travel(v) for v in u] for shape in _shapes()])
+
+
+def free_slack(ground: Ground, xy: Array, yaw: float) -> tuple[float, float]:
+    """How far a foothold may move back and ahead before its sole touches something, at most `MAX_SLACK_M` [m]."""
+    along = np.array([np.cos(yaw), np.sin(yaw)])
+    offsets = np.arange(GRID_M, MAX_SLACK_M + 1e-9, GRID_M)
+    ways = []
+    for sign in (-1.0, 1.0):
+        blocked = ground.sole_height(xy + sign * offsets[:, None] * along, yaw) > 0.0
+        ways.append(float(offsets[blocked.argmax()] - GRID_M) if blocked.any() else MAX_SLACK_M)
+    return ways[0], ways[1]
