@@ -9,6 +9,25 @@ from hotice.errors import InvalidConfig
 
 
 @dataclass(frozen=True, kw_only=True)
+class TaskWeights:
+    """Of the tasks of the whole-body QP, each of squared accelerations."""
+
+    com: float = 200.0
+    pelvis_height: float = 60.0
+    tilt: float = 20.0
+    yaw: float = 20.0
+    foot: float = 60.0
+    foot_turn: float = 10.0
+    arms: float = 20.0
+    legs: float = 0.002
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0:
+                raise InvalidConfig(f"{name} is {value!r}: a weight above 0 is needed")
+
+
+@dataclass(frozen=True, kw_only=True)
 class WalkConfig:
     """Gait, clearances and heights; every number is ours.
 
@@ -61,10 +80,12 @@ class WalkConfig:
     """Fastest change of the pelvis height."""
     lean_speed_rad_s: float = 0.5
     """Fastest change of the lean."""
+    weights: TaskWeights = TaskWeights()
+    """Of the whole-body QP."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not value > 0:
+            if name != "weights" and not value > 0:
                 raise InvalidConfig(f"{name} is {value!r}: a number above 0 is needed")
         if not self.step_length_m <= self.longest_step_m <= 0.6:
             raise InvalidConfig(

@@ -96,14 +96,13 @@ class WalkController:
 
     def _tasks(self) -> tuple[Targets, Contacts]:
         t = Targets()
-        t.com_weight[:] = 50.0, 50.0, 0.0
-        t.gain_frame("pelvis", [0.0, 0.0, 60.0, 60.0, 60.0, 20.0], 12.0)
+        w = self.config.weights
+        t.com_weight[:2] = w.com
+        t.gain_frame("pelvis", [0.0, 0.0, w.pelvis_height, w.tilt, w.tilt, w.yaw], 12.0)
         for foot in ("left_foot", "right_foot"):
-            t.gain_frame(foot, [60.0, 60.0, 60.0, 10.0, 3.0, 10.0], 30.0)
+            t.gain_frame(foot, [w.foot] * 3 + [w.foot_turn] * 3, 30.0)
         t.joint_pos[:] = self.state.joint_pos
-        weight = np.full(20, 0.002)
-        weight[12:] = 20.0
-        t.gain_joints(weight, 20.0)
+        t.gain_joints(np.repeat([w.legs, w.arms], [12, 8]), 20.0)
         c = Contacts(load_kg=self.load_kg)
         c.hand_force_max_n[:] = 150.0
         return t, c
@@ -221,7 +220,7 @@ class WalkController:
             found = self.adjuster.solve(
                 dcm, self._middle(stance), float(stance[2]), target + ahead, offset,
                 max(left if freeze else planned, 1e-3), m.omega, SIDE[step.foot],
-                shift_s=(-min(cfg.hurry_s, max(planned - cfg.freeze_s, 0.0)), cfg.wait_s), slack_m=step.slack_m, freeze=freeze,
+                shift_s=(-min(step.hurry_s(cfg), max(planned - cfg.freeze_s, 0.0)), cfg.wait_s), slack_m=step.slack_m, freeze=freeze,
             )  # fmt: skip
             if not freeze:
                 m.landing, m.lands_s = found.foothold - ahead, t + max(found.remaining_s, cfg.freeze_s)
@@ -289,9 +288,11 @@ class WalkController:
             landing = np.array([*m.landing, SOLE_HEIGHT_M])
             pose, speed, accel = m.swing.step(t - m.since_s, landing, step.yaw, m.lands_s - t)
             pitch, rise = self._toe_down(pose, step.foot)
+            pitch_rate, rise_rate = m.swing.tilt(pitch, rise, dt)
+            c, s = np.cos(pose[3]), np.sin(pose[3])
             g.frame_pos[foot] = [pose[0], pose[1], pose[2] + rise]
             g.frame_rot[foot] = _yaw(pose[3]) @ _pitch(pitch)
-            g.frame_vel[foot] = [*speed[:3], 0.0, 0.0, speed[3]]
+            g.frame_vel[foot] = [*speed[:2], speed[2] + rise_rate, -s * pitch_rate, c * pitch_rate, speed[3]]
             g.frame_acc[foot] = [*accel[:3], 0.0, 0.0, accel[3]]
             k.foot_force_max_n[step.foot] = 0.0
 

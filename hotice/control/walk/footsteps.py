@@ -45,6 +45,10 @@ class Footstep:
     swing: SwingShape
     slack_m: tuple[float, float]
 
+    def hurry_s(self, config: WalkConfig) -> float:
+        """By how much the landing may come earlier: hardly, where the foot has to pass over something [s]."""
+        return config.hurry_s if self.swing.apex_m <= config.swing_height_m else 0.25 * config.hurry_s
+
     @property
     def xy(self) -> Array:
         """(2,) [m]."""
