@@ -12,7 +12,7 @@ from hotice.errors import InvalidConfig
 class TaskWeights:
     """Of the tasks of the whole-body QP, each of squared accelerations."""
 
-    com: float = 200.0
+    com: float = 500.0
     pelvis_height: float = 60.0
     tilt: float = 20.0
     yaw: float = 20.0
@@ -44,6 +44,8 @@ class WalkConfig:
     """Time of single support of a usual step."""
     foot_speed_m_s: float = 2.6
     """Fastest a foot travels; a step that would need more takes longer."""
+    careful_speed_m_s: float = 1.7
+    """The same over a ground obstacle: a leg that is swung fast turns the body."""
     lift_speed_m_s: float = 1.1
     """Fastest a foot rises or sinks."""
     double_support_s: float = 0.07
@@ -97,6 +99,7 @@ class WalkConfig:
     def swing_time(self, distance_m: float, shape: SwingShape) -> float:
         """Time of single support of a swing over `distance_m`: no peak speed of the foot is exceeded [s]."""
         peak = 1.875  # of a minimum-jerk motion over its mean speed
-        across = peak * distance_m / (shape.arrive - shape.leave) / self.foot_speed_m_s
+        fastest = self.foot_speed_m_s if shape.apex_m <= self.swing_height_m else self.careful_speed_m_s
+        across = peak * distance_m / (shape.arrive - shape.leave) / fastest
         up = peak * shape.apex_m / min(shape.rise, 1.0 - shape.fall) / self.lift_speed_m_s
         return max(self.swing_s, across, up)

@@ -74,49 +74,21 @@ def plan_footsteps(
     if end - from_station < 2 * GRID_M:
         return []
     spacing = stations[1] - stations[0]
-    free = []
+    free: list[NDArray[np.bool_]] = []
     for foot in (LEFT, RIGHT):
         xy, yaw = foot_place(path, stations, foot, config.half_width_m)
         free.append(ground.sole_height(xy, yaw) <= 0.0)
-    usual = config.step_length_m
-    reach = int(np.floor(config.longest_step_m / spacing + 1e-9))
-    gains = np.arange(0, reach + 1) * spacing
-    price = ((gains - usual) / usual) ** 2 + 0.05
-    price[gains < 0.5 * usual] += 0.3  # a shuffle costs time
-    price += np.maximum(gains - config.step_length_m, 0.0) ** 2 / usual**2 * 2.0
-    best = np.full((2, count), np.inf)
-    before = np.full((2, count), -1)
-    best[1 - first_foot, 0] = 0.0
-    free[1 - first_foot][0] = True
-    # stations ascend, feet alternate; equal stations only from the other foot at the same place
-    for k in range(count):
-        for _ in range(2):
-            for foot in (LEFT, RIGHT):
-                if not free[foot][k]:
-                    continue
-                low = max(0, k - reach)
-                options = best[1 - foot, low : k + 1] + price[: k - low + 1][::-1]
-                j = int(np.argmin(options))
-                if options[j] < best[foot, k] - 1e-12:
-                    best[foot, k], before[foot, k] = options[j], low + j
-    last = min((LEFT, RIGHT), key=lambda f: best[f, -1] + (0.0 if free[1 - f][-1] else np.inf))
-    if not np.isfinite(best[last, -1]) or not free[1 - last][-1]:
+    chain = _chain(free, spacing, config, first_foot)
+    if chain is None:
         raise UnreachableGoal(
             f"no footholds within steps of {config.longest_step_m:g} m lead over the ground obstacles: "
             "raise longest_step_m or move the obstacles"
         )
-    chain, foot, k = [], last, count - 1
-    while not (k == 0 and foot == 1 - first_foot and before[foot, k] < 0):
-        chain.append((foot, k))
-        k, foot = int(before[foot, k]), 1 - foot
-        if k < 0:
-            break
-    chain.reverse()
     steps = []
     near = Ground(ground.scene, min(SLACK_MARGIN_M, ground.margin_m))
     place = {f: np.array(foot_place(path, from_station, f, config.half_width_m)[0]) for f in (LEFT, RIGHT)}
     time_s = config.shift_s
-    for foot, k in [*chain, (1 - last, count - 1)]:
+    for foot, k in [*chain, (1 - chain[-1][0], count - 1)]:
         xy, yaw = foot_place(path, stations[k], foot, config.half_width_m)
         swing, span = plan_swing(ground, place[foot], xy, float(yaw), config)
         slack = free_slack(near, xy, float(yaw))
@@ -127,6 +99,46 @@ def plan_footsteps(
         time_s += config.double_support_s
         place[foot] = np.asarray(xy)
     return steps
+
+
+def _chain(
+    free: list[NDArray[np.bool_]], spacing: float, config: WalkConfig, first_foot: int
+) -> list[tuple[int, int]] | None:
+    """Cheapest alternating chain (foot, index) to the last station, without the closing step; None where there is none.
+
+    best[foot, k, g]: of chains whose last step, of that foot, gained g stations and landed on station k. A step is priced by
+    its gain and by what its foot travels, the gain of the step before included.
+    """
+    count, usual = len(free[LEFT]), config.step_length_m
+    reach = min(int(np.floor(config.longest_step_m / spacing + 1e-9)), count - 1)
+    gain = np.arange(reach + 1) * spacing
+    price = ((gain - usual) / usual) ** 2 + 0.05 + 2.0 * np.maximum(gain / usual - 1.0, 0.0) ** 2
+    price[gain < 0.5 * usual] += 0.3  # a shuffle costs time
+    travel = gain[:, None] + gain  # of a foot, by its own gain and the gain before
+    far = 8.0 * (np.maximum(travel - 2.0 * usual, 0.0) / usual) ** 2
+    best = np.full((2, count, reach + 1), np.inf)
+    before = np.full((2, count, reach + 1), -1)
+    best[1 - first_foot, 0, 0] = 0.0  # the feet stand side by side
+    for k in range(count):
+        for g in range(min(reach, k) + 1):
+            for foot in (LEFT, RIGHT):
+                if not free[foot][k] or (g == 0 and k != count - 1):
+                    continue
+                options = best[1 - foot, k - g] + far[g]
+                i = int(np.argmin(options))
+                cost = options[i] + price[g]
+                if cost < best[foot, k, g]:
+                    best[foot, k, g], before[foot, k, g] = cost, i
+    ends = [(best[f, -1].min() if free[1 - f][-1] else np.inf) for f in (LEFT, RIGHT)]
+    foot = int(np.argmin(ends))
+    if not np.isfinite(ends[foot]):
+        return None
+    k, g = count - 1, int(np.argmin(best[foot, -1]))
+    chain = []
+    while before[foot, k, g] >= 0:
+        chain.append((foot, k))
+        foot, k, g = 1 - foot, k - g, int(before[foot, k, g])
+    return chain[::-1]
 
 
 def plan_swing(ground: Ground, start: Array, end: Array, yaw: float, config: WalkConfig) -> tuple[SwingShape, float]:
