@@ -50,7 +50,9 @@ def test_noise_is_the_environments(env, carry, monkeypatch, rng):
     for _ in range(2):
         draws = rng.uniform(-1.0, 1.0, DRAWS)
         parts = iter(np.split((draws + 1.0) / 2.0, [1, 3, 6, 9, 29, 49, 52]))
-        monkeypatch.setattr(torch, "rand", lambda shape, p=parts, **_: torch.tensor(next(p), dtype=torch.float32).view(shape))
+        monkeypatch.setattr(
+            torch, "rand", lambda shape, p=parts, **_: torch.tensor(next(p), dtype=torch.float32).view(shape)
+        )
         s = env.sensors.measure(env.snapshot(), ids, torch.tensor(offset[None], dtype=torch.float32), env.generator)
         percept, root = measure(true, root, draws, STUDENT_SENSING, False, offset)
         for name in Percept.SHAPES:
@@ -151,7 +153,9 @@ def test_policy_rests_until_it_is_active(station, carry, robot_state):
     percept, reading = policy_inputs(station, carry, robot_state)
     system = PolicySystem(open_policy("carry"), carry)
     simulator = stepped(system, percept=percept.vector, guidance=reading.vector, active=[0.0])
-    np.testing.assert_array_equal(system.GetOutputPort("joint_target").Eval(simulator.get_context()), carry.joint_target)
+    np.testing.assert_array_equal(
+        system.GetOutputPort("joint_target").Eval(simulator.get_context()), carry.joint_target
+    )
     system.GetInputPort("active").FixValue(simulator.get_mutable_context(), [1.0])
     simulator.AdvanceTo(0.021)
     assert (system.GetOutputPort("joint_target").Eval(simulator.get_context()) != carry.joint_target).all()

@@ -143,7 +143,7 @@ def test_hand_over():
     assert mode == 0.0
     _, mode, _ = at(0.39, contact_force=held(40, 40))
     assert mode == 0.0
-    torque, mode, active = at(0.43)  # ready since 0.32, so handed over at 0.42
+    torque, mode, active = at(0.41)  # ready since 0.3, so handed over at 0.4
     assert mode == active == 1.0
     np.testing.assert_allclose(torque, blend(pickup, carry, 0.01 / 0.2))
     torque, mode, _ = at(0.7, phase=[9.0], contact_force=np.zeros(12))

@@ -47,7 +47,9 @@ def test_drake_state(carry, beam, rng, run):
         body = plant.GetBodyByName(name)
         X_WB, V_WB = body.EvalPoseInWorld(context), body.EvalSpatialVelocityInWorld(context)
         np.testing.assert_allclose(state[q : q + 3], X_WB.translation(), atol=1e-12)
-        np.testing.assert_allclose(np.abs(state[q + 3 : q + 7]), np.abs(X_WB.rotation().ToQuaternion().wxyz()), atol=1e-12)
+        np.testing.assert_allclose(
+            np.abs(state[q + 3 : q + 7]), np.abs(X_WB.rotation().ToQuaternion().wxyz()), atol=1e-12
+        )
         np.testing.assert_allclose(state[43 + v : 46 + v], V_WB.translational(), atol=1e-12)
         w_B = X_WB.rotation().matrix().T @ V_WB.rotational()
         np.testing.assert_allclose(state[46 + v : 49 + v], w_B, atol=1e-12)
