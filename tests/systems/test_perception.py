@@ -16,7 +16,7 @@ from hotice.policies.observation import LAYOUT, Carrying, observe
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.systems.guidance_field import GuidanceFieldSystem
-from hotice.systems.policy import ACTION, PolicySystem, next_action
+from hotice.systems.policy import ACTION, MEMORY, PHASE, PolicySystem, next_action
 from hotice.systems.sensor_model import DRAWS, SensorModel, draw_delays, measure
 
 NOISY = SensingConfig(joint_pos_rad=0.03, object_pos_m=0.05, root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0)
@@ -197,7 +197,7 @@ def test_the_first_step_feels_the_first_action(station):
     target = policy.GetOutputPort("joint_target").Eval(policy.GetMyContextFromRoot(simulator.get_context()))
     start = 1 + 34 + 32 + 0 + 32  # time, qpos, qvel, activations (none), warm start
     np.testing.assert_array_equal(state[start : start + 20], target)
-    action = policy.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(ACTION).value()
+    action = policy.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(MEMORY).value()[ACTION]
     assert np.abs(action).max() > 0.0
 
 
@@ -214,8 +214,7 @@ def test_station_equals_training(station, beam, carry):
     root = simulator.get_mutable_context()
     plant, acting = (station.GetSubsystemByName(name) for name in ("plant", "policy"))
     plant.set_state(plant.GetMyMutableContextFromRoot(root), env.physics.qpos[0].numpy())
-    clock = acting.GetMyMutableContextFromRoot(root).get_mutable_discrete_state(3)
-    clock.SetFromVector([float(env.memory.phase[0]), -1.0])
+    acting.GetMyMutableContextFromRoot(root).get_mutable_discrete_state(MEMORY)[PHASE] = float(env.memory.phase[0])
     for k in range(25):
         obs = env.step(policy.act(obs)).policy
         simulator.AdvanceTo(0.02 * k + 0.001)
