@@ -17,8 +17,10 @@ from hotice.policies.policy_file import check_layout
 from hotice.systems.signals import GUIDANCE, NUM_JOINTS, PERCEPT
 
 Array = NDArray[np.float64]
-ACTION, TARGET, HELD, CLOCK = range(4)
-"""Groups of the state: last action (20,), target (20,) and the one before (20,) [rad], step clock [rad] and time [s]."""
+TARGET, MEMORY = range(2)
+"""Groups of the state: joint target (20,) [rad]; last action (20,), the target before (20,) [rad], step clock [rad] and time
+of the action [s]."""
+ACTION, HELD, PHASE, SINCE = slice(0, 20), slice(20, 40), 40, 41
 
 
 class PolicySystem(LeafSystem):
@@ -48,7 +50,7 @@ class PolicySystem(LeafSystem):
         self._carrying, self._target = Carrying.of(carry), np.asarray(carry.joint_target, dtype=float)
         self._scale, self._latency = self.task.action_scale, latency_s
         self._phase_step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
-        self._rest = (np.zeros(NUM_JOINTS), self._target, self._target, np.array([phase_rad, -1.0]))
+        self._rest = (self._target, np.concatenate([np.zeros(NUM_JOINTS), self._target, [phase_rad, -1.0]]))
         groups = [self.DeclareDiscreteState(rest) for rest in self._rest]
         self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
         self._guidance = self.DeclareVectorInputPort("guidance", GUIDANCE)
@@ -58,15 +60,16 @@ class PolicySystem(LeafSystem):
             self.DeclareVectorOutputPort("joint_target", NUM_JOINTS, self._output_target, reads)
         else:
             self.DeclareStateOutputPort("joint_target", groups[TARGET])
-        self.DeclareStateOutputPort("action", groups[ACTION])
+        remembered = {self.discrete_state_ticket(groups[MEMORY])}
+        self.DeclareVectorOutputPort("action", NUM_JOINTS, self._output_action, remembered)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
 
     def observation(self, context: Context) -> NDArray[np.float32]:
         """What the policy would read now, (241,); rows as in `hotice.policies.observation.LAYOUT`."""
         percept = Percept(self._percept.Eval(context))
         reading = FieldReading(self._guidance.Eval(context))
-        action, clock = (context.get_discrete_state(group).value() for group in (ACTION, CLOCK))
-        return observe(percept, reading, self._carrying, action, float(clock[0]))
+        memory = context.get_discrete_state(MEMORY).value()
+        return observe(percept, reading, self._carrying, memory[ACTION], float(memory[PHASE]))
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
@@ -75,17 +78,19 @@ class PolicySystem(LeafSystem):
             return
         raw = self.policy.run(self.observation(context)[None])[0].astype(float)
         action = next_action(raw, self.task.action_limit)
-        phase = context.get_discrete_state(CLOCK).value()[0] + self._phase_step
-        new = state.get_mutable_discrete_state(TARGET)
-        state.get_mutable_discrete_state(HELD).SetFromVector(new.value())
-        new.SetFromVector(self._target + self._scale * action)
-        state.get_mutable_discrete_state(ACTION).SetFromVector(action)
-        state.get_mutable_discrete_state(CLOCK).SetFromVector([phase % (2.0 * math.pi), context.get_time()])
+        phase = (context.get_discrete_state(MEMORY).value()[PHASE] + self._phase_step) % (2.0 * math.pi)
+        target = state.get_mutable_discrete_state(TARGET)
+        memory = np.concatenate([action, target.value(), (phase, context.get_time())])
+        target.SetFromVector(self._target + self._scale * action)
+        state.get_mutable_discrete_state(MEMORY).SetFromVector(memory)
 
     def _output_target(self, context: Context, output: BasicVector) -> None:
-        since = context.get_discrete_state(CLOCK).value()[1]
-        early = context.get_time() < since + self._latency - 1e-9
-        output.SetFromVector(context.get_discrete_state(HELD if early else TARGET).value())
+        memory = context.get_discrete_state(MEMORY).value()
+        early = context.get_time() < memory[SINCE] + self._latency - 1e-9
+        output.SetFromVector(memory[HELD] if early else context.get_discrete_state(TARGET).value())
+
+    def _output_action(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state(MEMORY).value()[ACTION])
 
 
 def next_action(raw: Array, limit: float) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from hotice.compiled import compiled
 from hotice.errors import InvalidConfig
 from hotice.model import builder, g1
 from hotice.model.carry import CarryState
@@ -74,17 +75,27 @@ class SafePosture:
 
 def find_fault(state: Array, command: Array, posture: SafePosture, limits: SafetyLimits) -> Fault:
     """The first fault of a robot state (84,) and a command (20,)."""
-    if not math.isfinite(state.dot(state)):
-        return Fault.STATE
-    if not math.isfinite(command.dot(command)):
-        return Fault.COMMAND
-    x, y = state[4:6].tolist()
-    if 1.0 - 2.0 * (x * x + y * y) < math.cos(limits.tilt_rad):
-        return Fault.TILT
-    beyond = np.abs(state[JOINT_POS] - posture.middle) - posture.half_range
-    if beyond.max() > limits.joint_margin_rad:
-        return Fault.JOINT_LIMIT
-    return Fault.NONE
+    q = state[JOINT_POS]
+    code = _find_fault(
+        state, command, q, posture.middle, posture.half_range, math.cos(limits.tilt_rad), limits.joint_margin_rad
+    )
+    return Fault(code)
+
+
+@compiled
+def _find_fault(state, command, q, middle, half_range, cos_tilt, margin):
+    for value in state:
+        if not math.isfinite(value):
+            return 1
+    for value in command:
+        if not math.isfinite(value):
+            return 2
+    if 1.0 - 2.0 * (state[4] * state[4] + state[5] * state[5]) < cos_tilt:
+        return 3
+    for j in range(len(q)):
+        if abs(q[j] - middle[j]) - half_range[j] > margin:
+            return 4
+    return 0
 
 
 def safe_torque(state: Array, posture: SafePosture, fault: Fault) -> Array:

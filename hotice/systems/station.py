@@ -112,7 +112,11 @@ class Station(Diagram):
         if meshcat is not None:
             steps = self.walk_plan.footsteps if self.controller_name == "walk" else ()
             view = Visualizer(
-                meshcat, self.world, self.carry.carried, config.meshcat_hz, [(s.x, s.y, s.yaw, s.foot) for s in steps] or None
+                meshcat,
+                self.world,
+                self.carry.carried,
+                config.meshcat_hz,
+                [(s.x, s.y, s.yaw, s.foot) for s in steps] or None,
             )
             _add(builder, "visualizer", view)
             for name in ("robot_state", "percept", "guidance", "contact_force"):
