@@ -37,7 +37,7 @@ COM_BOX_M = np.array([[-0.035, -0.085], [0.05, 0.085]])
 MAX_GAP_M = 0.008
 MAX_OFF_M = 0.08
 LEG_WEIGHT, ARM_WEIGHT = 0.02, 0.05
-RETREAT_KNOTS = 8
+LIFT_KNOTS, RETREAT_KNOTS = 4, 8
 STEPPING_HEIGHT_M = 0.755  # highest pelvis at which the legs are long enough to step
 
 
@@ -149,17 +149,19 @@ class Planner:
         final, back = self._carry_pose(pose)
         lifted = ObjectPose(p_WO=pose.p_WO + [0.0, 0.0, self._rise(pose)], R_WO=pose.R_WO)
         holds = _Holds(feet=feet, hands=hands, grasped=pose, p_OH=p_OH)
-        halfway = self._held(grasp, grasp[7:], holds, _between(pose, lifted, 0.5), arms=0.5, upright=0.1)
-        up = self._held(halfway, grasp[7:], holds, lifted, arms=0.5, upright=0.1)
-        end = self._held(self._carry_q(q_start), self.carry.joint_pos, holds, final, arms=0.3, upright=1.0)
-        retreat = [grasp, halfway, up]
+        retreat, turned = [grasp], _rpy(t._pin, grasp[3:7])
+        for share in np.linspace(0.0, 1.0, LIFT_KNOTS + 1)[1:]:
+            at = _between(pose, lifted, share)
+            retreat.append(self._held(retreat[-1], grasp[7:], holds, at, turned, arms=0.5, low=self.steps_back))
+        end = self._held(self._carry_q(q_start), self.carry.joint_pos, holds, final, np.zeros(3), arms=0.3)
+        up = retreat[-1]
         for share in np.linspace(0.0, 1.0, RETREAT_KNOTS + 1)[1:-1]:
             guess = t._pin.interpolate(t.model, up, end, share)
             retreat.append(self._pulled(guess, holds, _between(lifted, final, share)))
         retreat.append(end)
         return PickPlan(
-            crouch=crouch, pregrasp=pre, grasp=grasp, retreat=np.array(retreat), lift_knots=2, p_OH=p_OH, p_HO=centre, hand_point=PALM_M + [self.grip_m, 0.0, 0.0],
-            p_GO=final.p_WO, back_m=back,
+            crouch=crouch, pregrasp=pre, grasp=grasp, retreat=np.array(retreat), lift_knots=LIFT_KNOTS, p_OH=p_OH,
+            p_HO=centre, hand_point=PALM_M + [self.grip_m, 0.0, 0.0], p_GO=final.p_WO, back_m=back,
         )  # fmt: skip
 
     def _yaw(self, quat_GO: Array) -> float:
@@ -196,6 +198,7 @@ class Planner:
                 distance, normal = surface_distance(carried, (chest - pose.p_WO) @ pose.R_WO)
                 return [
                     *self._stand(p, feet, 0.0, pose.p_WO),
+                    *([self._low(p)] if self.steps_back else []),
                     _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
                     p.palms(carried, pose, self.toe_m, stiff),
                     p.hand_places(pose, place, np.eye(3), 15.0),
@@ -258,23 +261,28 @@ class Planner:
     def _carry_q(self, q_start: Array) -> Array:
         return np.concatenate([self.carry.root_pos_W, np.roll(self.carry.quat_WP, -1), self.carry.joint_pos])
 
+    @staticmethod
+    def _low(p: Pose) -> Rows:
+        return hinge(STEPPING_HEIGHT_M - p.terms.p_WF[PELVIS, 2:3], -p.terms.J_WF[PELVIS, 2:3], 60.0)
+
     def _held(
-        self, start: Array, posture: Array, holds: _Holds, at: ObjectPose, *, arms: float, upright: float
+        self, start: Array, posture: Array, holds: _Holds, at: ObjectPose, rpy: Array, *, arms: float, low: bool = False
     ) -> Array:
-        """The robot with the object at a pose and its hands on it as they grasped it, near `start` and `posture`."""
+        """The robot with the object at a pose and its hands on it as they grasped it, near `start` and `posture`.
+
+        `rpy`: wished turn of the pelvis; `arms`: weight of the posture of the arms; `low`: the pelvis lets the legs step.
+        """
         weight = np.full(20, arms)
         weight[g1.LOWER] = LEG_WEIGHT
         R = at.R_WO @ holds.grasped.R_WO.T
-        turn = np.array([2.0, upright, 1.0])
 
         def rows(p: Pose) -> list[Rows]:
             found = self._stand(p, holds.feet, self.carried.mass_kg, at.p_WO)
             for (f, _, R_hand), place in zip(holds.hands, holds.p_OH, strict=True):
                 found.append(p.frame(f, at.p_WO + at.R_WO @ place, R @ R_hand, (200.0, 40.0)))
-            found.append(p.pelvis_turn(np.zeros(3), turn))
-            if self.steps_back:
-                low, J = STEPPING_HEIGHT_M - self.terms.p_WF[PELVIS, 2:3], -self.terms.J_WF[PELVIS, 2:3]
-                found.append(hinge(low, J, 60.0))
+            found.append(p.pelvis_turn(rpy, np.array([2.0, 1.0, 1.0])))
+            if low:
+                found.append(self._low(p))
             return found
 
         return self._ik.solve(start, posture, weight, rows)
