@@ -129,8 +129,8 @@ class Pickup:
         self.start_q = q
         self._check(p_GO, quat_GO)
         self.expected = self.planner.plan(q, np.asarray(p_GO, float), np.asarray(quat_GO, float))
-        self._qp = WholeBodyQp(self.carry.wrist_pos, qp)
-        self._ref = Terms(self.carry.wrist_pos)
+        self._qp = WholeBodyQp(self.planner.wrist_pos, qp)
+        self._ref = Terms(self.planner.wrist_pos)
         self._targets, self._contacts = Targets(), Contacts()
         low, high = self.config.squeeze_n
         self.squeeze_n = low + (high - low) * min(carried.mass_kg / 3.5, 1.0)
