@@ -209,7 +209,9 @@ def main() -> None:
         for column in ("controller", "simulated", "speed", f"≥ {REAL_TIME_BAR:g}×", "phase at the end"):
             table.add_column(column, justify="right")
         for r in report["controllers"]:
-            table.add_row(r["controller"], f"{r['seconds']:g} s", f"{r['x']:.1f}×", mark(r["x"] >= REAL_TIME_BAR), r["phase"])
+            table.add_row(
+                r["controller"], f"{r['seconds']:g} s", f"{r['x']:.1f}×", mark(r["x"] >= REAL_TIME_BAR), r["phase"]
+            )
         console.print(table)
     if args.json is not None:
         write_text(args.json, json.dumps(report, indent=1) + "\n")
