@@ -64,7 +64,15 @@ class InvalidMap(HoticeError):
 
 
 class SimulationError(HoticeError):
-    """Physics that cannot go on: a buffer that overflowed, a device out of memory."""
+    """Physics that cannot go on: a buffer that overflowed, too many states that diverged, a process that died."""
+
+
+class DivergedError(HoticeError):
+    """Training that cannot go on: weights or gradients that are not finite."""
+
+
+class OutOfMemory(HoticeError):
+    """Memory of the machine or of its GPU that ran out; says what to lower."""
 
 
 class MissingExtra(HoticeError, ImportError):

@@ -28,7 +28,7 @@ PALM_REACH_M = 0.14  # a palm further than this behind the near face is not aske
 CLEAR_M = 0.03  # between object and support
 READY_ARM = np.array([0.8, 0.6, 0.9, -0.7])  # left: hands wide and drawn back [rad]
 TIPS_M = np.array([[0.075, 0.0, -0.04], [-0.1, 0.0, -0.04]])  # of the hand frame: fingers and wrist, from below
-COM_BOX_M = np.array([[-0.03, -0.06], [0.05, 0.06]])
+COM_BOX_M = np.array([[-0.035, -0.05], [0.05, 0.05]])
 MAX_GAP_M = 0.008
 MAX_OFF_M = 0.08
 LEG_WEIGHT, ARM_WEIGHT = 0.02, 0.05
@@ -99,9 +99,7 @@ class Planner:
         self._ik = KeyframeIk(self.terms)
         self.rise_m = 2 * CLEAR_M
         p, half = self.carry.object_pos_W, carried.half_extents_m
-        self.steps_back = bool(
-            p[0] + half[0] + CLEAR_M > support.near_m and p[2] - half[2] < support.top_m + CLEAR_M
-        )
+        self.steps_back = bool(p[0] + half[0] + CLEAR_M > support.near_m and p[2] - half[2] < support.top_m + CLEAR_M)
 
     def plan(self, q_start: Array, p_GO: Array, quat_GO: Array) -> PickPlan:
         """Plans from a standing configuration (27,) to an object at p_GO (3,), quat_GO (4,). Raises `PickInfeasible`."""
@@ -166,7 +164,7 @@ class Planner:
         room = np.array([self.support.near_m - 0.07 - x[0] for x, _ in knees])
         return [
             *(p.frame(f, at, R, (300.0, 100.0)) for f, at, R in feet),
-            hinge(np.concatenate([com - COM_BOX_M[0], COM_BOX_M[1] - com]), np.concatenate([J, -J]), 100.0),
+            _inside(com, J),
             (1.0 * com, 1.0 * J),
             hinge(room, np.array([-by_v[0] for _, by_v in knees]), 100.0),
         ]
@@ -186,10 +184,11 @@ class Planner:
                 distance, normal = surface_distance(carried, (chest - pose.p_WO) @ pose.R_WO)
                 return [
                     *self._stand(p, feet, 0.0, pose.p_WO),
+                    _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
                     p.palms(carried, pose, 0.0, stiff),
                     p.hand_places(pose, place, np.eye(3), 15.0),
                     p.hand_pitch(0.0, 2.0),
-                    p.pelvis_turn(np.array([0.0, 0.1, yaw]), np.array([2.0, 0.4, turn])),
+                    p.pelvis_turn(np.array([0.0, 0.1, yaw]), np.array([2.0, 1.0, turn])),
                     hinge(distance - 0.02, np.einsum("kc,kcv->kv", normal @ pose.R_WO.T, J), 100.0),
                 ]
 
@@ -258,7 +257,7 @@ class Planner:
         def rows(p: Pose) -> list[Rows]:
             found = self._stand(p, holds.feet, self.carried.mass_kg, at.p_WO)
             for (f, _, R_hand), place in zip(holds.hands, holds.p_OH, strict=True):
-                found.append(p.frame(f, at.p_WO + at.R_WO @ place, R @ R_hand, (60.0, 8.0)))
+                found.append(p.frame(f, at.p_WO + at.R_WO @ place, R @ R_hand, (200.0, 40.0)))
             found.append(p.pelvis_turn(np.zeros(3), turn))
             if self.steps_back:
                 low, J = STEPPING_HEIGHT_M - self.terms.p_WF[PELVIS, 2:3], -self.terms.J_WF[PELVIS, 2:3]
@@ -266,7 +265,6 @@ class Planner:
             return found
 
         return self._ik.solve(start, posture, weight, rows)
-
 
     def _pulled(self, guess: Array, holds: _Holds, at: ObjectPose) -> Array:
         """The robot near `guess`, with its hands as far apart and turned as at the grasp; the object may be ahead of `at`."""
@@ -281,14 +279,16 @@ class Planner:
         def rows(p: Pose) -> list[Rows]:
             t, (left, right) = self.terms, (LEFT_HAND, RIGHT_HAND)
             found = self._stand(p, holds.feet, self.carried.mass_kg, at.p_WO)
-            found.append((60.0 * (t.p_WF[left] - t.p_WF[right] - apart), 60.0 * (t.J_WF[left, :3] - t.J_WF[right, :3])))
+            found.append(
+                (200.0 * (t.p_WF[left] - t.p_WF[right] - apart), 200.0 * (t.J_WF[left, :3] - t.J_WF[right, :3]))
+            )
             mean, J = 0.5 * (t.p_WF[left] + t.p_WF[right]), 0.5 * (t.J_WF[left, :3] + t.J_WF[right, :3])
             soft = np.array([2.0, 60.0, 10.0])
             found.append((soft * (mean - middle), soft[:, None] * J))
             if not self.steps_back:
                 found.append(hinge(mean[2:] - lowest, J[2:], 60.0))
             for f, _, R_hand in holds.hands:
-                r, J = p.frame(f, t.p_WF[f], R @ R_hand, (0.0, 8.0))
+                r, J = p.frame(f, t.p_WF[f], R @ R_hand, (0.0, 40.0))
                 found.append((r[3:], J[3:]))
             found.append(p.pelvis_turn(pelvis, np.array([2.0, 1.0, 2.0])))
             return found
@@ -304,6 +304,11 @@ class _Holds:
     hands: list
     grasped: ObjectPose
     p_OH: Array
+
+
+def _inside(com: Array, J: Array) -> Rows:
+    """Centre of mass within `COM_BOX_M`."""
+    return hinge(np.concatenate([com - COM_BOX_M[0], COM_BOX_M[1] - com]), np.concatenate([J, -J]), 100.0)
 
 
 def _rpy(pin: Any, quat: Array) -> Array:

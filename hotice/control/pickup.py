@@ -301,7 +301,7 @@ class Pickup:
         t.gain_frame("pelvis", [0.0, 0.0, 20.0, 10.0, 10.0, 10.0], 7.0)
         t.gain_joints(np.where(np.arange(20) < g1.LOWER.stop, 0.02, 1.0), 12.0)
         for hand in ("left_hand", "right_hand"):
-            t.gain_frame(hand, [4.0, 4.0, 4.0, 0.0, 0.0, 0.0], 12.0)
+            t.gain_frame(hand, [4.0, 4.0, 4.0, 0.0, 2.0, 0.0], 12.0)
         for foot in ("left_foot", "right_foot"):  # of a foot in the air
             t.gain_frame(foot, 30.0, 16.0)
 

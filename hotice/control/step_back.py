@@ -20,7 +20,7 @@ GRAVITY = 9.81
 SOLE_AHEAD_M = 0.035  # middle of the sole ahead of the ankle
 INWARD_M = 0.008  # where the weight rests: from the middle of the sole towards the other foot
 SWING_HEIGHT_M = 0.04
-FIRST_S, SWING_S, BOTH_S, LAST_S = 1.0, 0.7, 0.3, 1.2
+FIRST_S, SWING_S, BOTH_S, LAST_S = 0.9, 0.5, 0.25, 1.0
 LANDING_S = 0.2  # after a swing, in which its foot may still look for the floor
 GRID_S = 0.005
 
@@ -51,7 +51,9 @@ class StepBack:
         place = min(max(time_s / GRID_S, 0.0), len(self.com) - 1.0)
         i = min(int(place), len(self.com) - 2)
         s = place - i
-        return (1 - s) * self.com[i] + s * self.com[i + 1] - self.com[0], (1 - s) * self.com_acc[i] + s * self.com_acc[i + 1]
+        return (1 - s) * self.com[i] + s * self.com[i + 1] - self.com[0], (1 - s) * self.com_acc[i] + s * self.com_acc[
+            i + 1
+        ]
 
     def feet_at(self, time_s: float) -> tuple[int, int, Array, Array]:
         """Foot in the air and foot that has just landed, or -1; where the ankles are, (2, 3), and their velocities, (2, 3)."""
@@ -74,7 +76,7 @@ class StepBack:
         return air, landed, feet, velocity
 
 
-def plan_step_back(feet: Array, com: Array, height_m: float, distance_m: float, step_m: float = 0.12) -> StepBack:
+def plan_step_back(feet: Array, com: Array, height_m: float, distance_m: float, step_m: float = 0.15) -> StepBack:
     """Course of stepping back by a distance.
 
     Args:

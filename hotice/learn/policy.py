@@ -14,6 +14,7 @@ from torch import Tensor
 from hotice.errors import CheckpointError, UnknownName
 from hotice.files import write_bytes
 from hotice.learn.checkpoint import load_checkpoint
+from hotice.learn.health import check_tensors
 from hotice.learn.networks import ActorCritic
 from hotice.policies import policy_file
 from hotice.policies.policy_file import (
@@ -54,10 +55,10 @@ class TorchPolicy:
 
 
 class OnnxPolicy:
-    """An exported policy, run by onnxruntime on the CPU."""
+    """An exported policy, run by onnxruntime on the CPU. `content`: of the file, read from `path` when it is not given."""
 
-    def __init__(self, path: Path, name: str | None = None, threads: int = 0) -> None:
-        self._session = PolicySession(path, name, threads)
+    def __init__(self, path: Path, name: str | None = None, threads: int = 0, content: bytes | None = None) -> None:
+        self._session = PolicySession(path, name, threads, content)
         self.name, self.meta = self._session.name, self._session.meta
 
     def act(self, obs: Tensor) -> Tensor:
@@ -93,7 +94,9 @@ def torch_policy(path: Path) -> TorchPolicy:
             get_preset(config["preset"]).agents, obs, critic, config["hidden"], config["critic_hidden"],
             tuple(config["init_std"]),
         )  # fmt: skip
-        net.load_state_dict({k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
+        weights = {k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")}
+        check_tensors(path, weights)
+        net.load_state_dict(weights)
         described = policy_meta(meta)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise CheckpointError(
@@ -142,9 +145,8 @@ def export_onnx(policy: TorchPolicy, path: Path) -> Path:
     model.metadata_props.append(onnx.StringStringEntryProto(key=KEY, value=json.dumps(meta)))
     buffer = io.BytesIO()
     onnx.save_model(model, buffer, save_as_external_data=False)
-    write_bytes(path, buffer.getvalue())
-    check_export(policy, OnnxPolicy(path))
-    return path
+    check_export(policy, OnnxPolicy(path, content=buffer.getvalue()))
+    return write_bytes(path, buffer.getvalue())
 
 
 def check_export(policy: TorchPolicy, exported: OnnxPolicy, tolerance: float = 1e-5) -> float:

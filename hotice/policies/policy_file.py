@@ -26,14 +26,15 @@ OBSERVATION, ACTION = "observation", "action"
 class PolicySession:
     """An exported policy, run by onnxruntime on the CPU with `threads` threads (0: all cores).
 
-    `meta` has preset, layout (names and widths of the observation) and task constants. Raises `CheckpointError`.
+    `content`: of the file, read from `path` when it is not given. `meta` has preset, layout (names and widths of the
+    observation) and task constants. Raises `CheckpointError`.
     """
 
-    def __init__(self, path: Path, name: str | None = None, threads: int = 0) -> None:
+    def __init__(self, path: Path, name: str | None = None, threads: int = 0, content: bytes | None = None) -> None:
         import onnxruntime
 
         self.name = name or str(path)
-        content = _read(path)
+        content = _read(path) if content is None else content
         self.meta = read_onnx_meta(content, path)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads

@@ -22,7 +22,7 @@ __all__ = ["KNOWN_ROWS", "STUDENT_SENSING", "Sensors", "SensingConfig"]
 KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size")
 """Rows of the policy observation that no sensor measures: they are never late."""
 
-_STATE = ("root", "age", "action_delay", "late", "seen")
+_STATE = ("root", "object", "age", "action_delay", "late", "seen")
 
 
 class Sensors:
@@ -41,6 +41,9 @@ class Sensors:
         self.longest_delay = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
         self.root = torch.zeros(num_envs, 4, device=device)
         """Estimate x, y [m], sine and cosine of the heading."""
+        self.object = torch.zeros(num_envs, 3, 3, device=device)
+        """Estimate of the object in P: position [m] and first two axes, as rows."""
+        self.gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
         self.age = torch.zeros(num_envs, dtype=torch.int64, device=device)
         """Measurements of this episode."""
         self.action_delay = torch.zeros(num_envs, dtype=torch.int64, device=device)
@@ -99,6 +102,9 @@ class Sensors:
 
         p_PO = s.p_WO - s.p_WP + noise(s.p_WO, cfg.object_pos_m)
         R_tilt = _rotation(noise(s.p_WO, cfg.object_rot_rad))
+        if self.gain < 1.0:
+            p_PO, R_WO = self._filtered(s, ids, p_PO, R_tilt @ s.R_WO)
+            R_tilt = R_WO @ s.R_WO.transpose(1, 2)
         arms = s.p_WOK - s.p_WO[:, None]
         arms = torch.where(s.grasp.world_aligned[:, None, None], arms, arms @ (R_EW @ R_tilt).transpose(1, 2))
         p_WO = p_WP + (R_EW @ p_PO[:, :, None]).squeeze(-1)
@@ -111,6 +117,18 @@ class Sensors:
         }  # fmt: skip
         measured = replace(s, **motion)
         return replace(measured, **self.guide(measured, ids))
+
+    def _filtered(self, s: Snapshot, ids: Tensor, p_PO: Tensor, R_WO: Tensor) -> tuple[Tensor, Tensor]:
+        """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object, both in W, after the newest measurement."""
+        newest = torch.cat([p_PO[:, None], R_WO[:, :, :2].transpose(1, 2)], dim=1) @ s.R_WP
+        gain = torch.clamp(1.0 / self.age[ids], min=self.gain)[:, None, None]
+        estimate = torch.lerp(self.object[ids], newest, gain)
+        self.object[ids] = estimate
+        p, x, y = (estimate @ s.R_WP.transpose(1, 2)).unbind(1)
+        x = x / x.norm(dim=1, keepdim=True)
+        z = torch.linalg.cross(x, y)
+        z = z / z.norm(dim=1, keepdim=True)
+        return p, torch.stack([x, torch.linalg.cross(z, x), z], dim=2)
 
 
 def _about_z(angle: Tensor) -> Tensor:

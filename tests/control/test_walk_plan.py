@@ -45,7 +45,7 @@ def steps_of(fields, s):
     pf = fields[id(s)]
     body = body_spheres(STATE)
     path = plan_path(pf, (0.0, 0.0, 0.0), body)
-    return path, plan_footsteps(path, Ground(pf, CONFIG.ground_margin_m), CONFIG)
+    return path, plan_footsteps(path, Ground(pf.scene, CONFIG.ground_margin_m), CONFIG)
 
 
 def test_streamline_of_the_open_floor_is_straight(fields):
@@ -85,12 +85,12 @@ def test_no_sole_touches_a_bar_and_the_swing_passes_over_it(fields):
     assert ((x + SOLE_FRONT_M <= low + 0.005) | (x - SOLE_BACK_M >= high - 0.005)).all()
     over = [s for s, before in zip(steps[2:], steps, strict=False) if before.x < 1.0 < s.x]
     assert len(over) == 2
-    assert min(s.apex_m for s in over) >= 0.06 + CONFIG.ground_margin_m
+    assert min(s.swing.apex_m for s in over) >= 0.06 + CONFIG.ground_margin_m
     assert min(s.span_s for s in over) > CONFIG.swing_s
 
 
 def test_sole_height_over_a_bar(fields):
-    ground = Ground(fields[id(BAR)], 0.02)
+    ground = Ground(BAR, 0.02)
     away, on = ground.sole_height(np.array([[0.5, 0.0], [1.0, 0.0]]), 0.0)
     assert away == 0.0
     assert on == pytest.approx(0.08, abs=0.011)
@@ -101,7 +101,7 @@ def test_a_bar_too_wide_has_no_footsteps(fields):
     pf = build_hod_pf(wide, resolution_m=0.06)
     path = plan_path(pf, (0.0, 0.0, 0.0), body_spheres(STATE))
     with pytest.raises(UnreachableGoal, match="footholds"):
-        plan_footsteps(path, Ground(pf, CONFIG.ground_margin_m), CONFIG)
+        plan_footsteps(path, Ground(pf.scene, CONFIG.ground_margin_m), CONFIG)
 
 
 def test_the_body_keeps_clear_of_a_wall(fields):

@@ -4,7 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hotice.control.walk.swing import SwingShape
 from hotice.errors import InvalidConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskWeights:
+    """Of the tasks of the whole-body QP, each of squared accelerations."""
+
+    com: float = 500.0
+    pelvis_height: float = 60.0
+    tilt: float = 20.0
+    yaw: float = 20.0
+    foot: float = 60.0
+    foot_turn: float = 10.0
+    arms: float = 20.0
+    legs: float = 0.002
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0:
+                raise InvalidConfig(f"{name} is {value!r}: a weight above 0 is needed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,19 +34,23 @@ class WalkConfig:
     Raises `InvalidConfig` for values that no gait has.
     """
 
-    step_length_m: float = 0.20
+    step_length_m: float = 0.25
     """Usual advance from one foothold to the next."""
-    longest_step_m: float = 0.46
+    longest_step_m: float = 0.48
     """Largest advance, over a ground obstacle."""
     half_width_m: float = 0.1185
     """Feet to either side of the way; as they stand in a carry state."""
-    swing_s: float = 0.42
+    swing_s: float = 0.39
     """Time of single support of a usual step."""
-    swing_speed_m_s: float = 1.2
-    """Mean speed of a foot above which a step takes longer."""
-    double_support_s: float = 0.08
+    foot_speed_m_s: float = 2.6
+    """Fastest a foot travels; a step that would need more takes longer."""
+    careful_speed_m_s: float = 1.7
+    """The same over a ground obstacle: a leg that is swung fast turns the body."""
+    lift_speed_m_s: float = 1.1
+    """Fastest a foot rises or sinks."""
+    double_support_s: float = 0.07
     """Time for which the load moves from one foot to the other."""
-    shift_s: float = 0.45
+    shift_s: float = 0.40
     """Time for which the load moves onto the first stance foot."""
     swing_height_m: float = 0.06
     """Height of the sole at the top of a usual step."""
@@ -58,10 +82,12 @@ class WalkConfig:
     """Fastest change of the pelvis height."""
     lean_speed_rad_s: float = 0.5
     """Fastest change of the lean."""
+    weights: TaskWeights = TaskWeights()
+    """Of the whole-body QP."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not value > 0:
+            if name != "weights" and not value > 0:
                 raise InvalidConfig(f"{name} is {value!r}: a number above 0 is needed")
         if not self.step_length_m <= self.longest_step_m <= 0.6:
             raise InvalidConfig(
@@ -70,7 +96,10 @@ class WalkConfig:
         if not 0.45 <= self.pelvis_height_m <= 0.77:
             raise InvalidConfig(f"pelvis_height_m is {self.pelvis_height_m!r}: allowed are 0.45 to 0.77")
 
-    def swing_time(self, distance_m: float, apex_m: float) -> float:
-        """Time of single support of a step whose foot travels `distance_m` and rises to `apex_m` [s]."""
-        way = distance_m + 2.0 * max(0.0, apex_m - self.swing_height_m)
-        return max(self.swing_s, way / self.swing_speed_m_s)
+    def swing_time(self, distance_m: float, shape: SwingShape) -> float:
+        """Time of single support of a swing over `distance_m`: no peak speed of the foot is exceeded [s]."""
+        peak = 1.875  # of a minimum-jerk motion over its mean speed
+        fastest = self.foot_speed_m_s if shape.apex_m <= self.swing_height_m else self.careful_speed_m_s
+        across = peak * distance_m / (shape.arrive - shape.leave) / fastest
+        up = peak * shape.apex_m / min(shape.rise, 1.0 - shape.fall) / self.lift_speed_m_s
+        return max(self.swing_s, across, up)

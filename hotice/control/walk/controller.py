@@ -20,10 +20,11 @@ from hotice.control.terms import LEFT_FOOT, PELVIS
 from hotice.control.walk.adjust import AdjustConfig, StepAdjuster
 from hotice.control.walk.config import WalkConfig
 from hotice.control.walk.dcm import GRAVITY, DcmReference
-from hotice.control.walk.footsteps import SIDE, Footstep
+from hotice.control.walk.footsteps import SIDE
+from hotice.control.walk.ground import SOLE_FRONT_M
 from hotice.control.walk.plan import WalkPlan
 from hotice.control.solvers import Guess
-from hotice.control.walk.swing import Swing, SwingShape
+from hotice.control.walk.swing import Swing
 from hotice.control.whole_body_qp import QpConfig, QpMemory, Targets, WholeBodyQp
 from hotice.model.carry import CarryState
 from hotice.model.frames import quat_to_mat
@@ -31,7 +32,10 @@ from hotice.model.frames import quat_to_mat
 Array = NDArray[np.float64]
 SHIFT, SWING, DOUBLE, STAND = "shift", "swing", "double", "stand"
 SOLE_HEIGHT_M = 0.035
-ANKLE_TO_SOLE_M = 0.035
+THIGH_M, SHANK_M, ANKLE_HEIGHT_M = 0.307, 0.300, 0.018
+"""Lengths of the leg, and the ankle's pitch axis over the origin of the foot."""
+ANKLE_BEND_RAD = 0.78
+"""How far a lifted foot may be bent up; the joint ends at 0.873."""
 
 
 @dataclass(kw_only=True)
@@ -92,14 +96,13 @@ class WalkController:
 
     def _tasks(self) -> tuple[Targets, Contacts]:
         t = Targets()
-        t.com_weight[:] = 50.0, 50.0, 0.0
-        t.gain_frame("pelvis", [0.0, 0.0, 60.0, 60.0, 60.0, 20.0], 12.0)
+        w = self.config.weights
+        t.com_weight[:2] = w.com
+        t.gain_frame("pelvis", [0.0, 0.0, w.pelvis_height, w.tilt, w.tilt, w.yaw], 12.0)
         for foot in ("left_foot", "right_foot"):
-            t.gain_frame(foot, [60.0, 60.0, 60.0, 10.0, 3.0, 10.0], 30.0)
+            t.gain_frame(foot, [w.foot] * 3 + [w.foot_turn] * 3, 30.0)
         t.joint_pos[:] = self.state.joint_pos
-        weight = np.full(20, 0.002)
-        weight[12:] = 20.0
-        t.gain_joints(weight, 20.0)
+        t.gain_joints(np.repeat([w.legs, w.arms], [12, 8]), 20.0)
         c = Contacts(load_kg=self.load_kg)
         c.hand_force_max_n[:] = 150.0
         return t, c
@@ -191,7 +194,7 @@ class WalkController:
                 m.phase, m.since_s = SWING, t
                 foot = m.feet[step.foot]
                 start = self.qp.terms.p_WF[LEFT_FOOT + step.foot]
-                m.swing = Swing(start, foot[2], swing_shape(step, cfg), step.span_s)
+                m.swing = Swing(start, foot[2], step.swing, step.span_s)
                 m.landing, m.lands_s, m.frozen = step.xy, t + step.span_s, False
         elif m.phase == SWING:
             step = self.plan.footsteps[m.step]
@@ -217,7 +220,7 @@ class WalkController:
             found = self.adjuster.solve(
                 dcm, self._middle(stance), float(stance[2]), target + ahead, offset,
                 max(left if freeze else planned, 1e-3), m.omega, SIDE[step.foot],
-                shift_s=(-min(cfg.hurry_s, max(planned - cfg.freeze_s, 0.0)), cfg.wait_s), freeze=freeze,
+                shift_s=(-min(step.hurry_s(cfg), max(planned - cfg.freeze_s, 0.0)), cfg.wait_s), slack_m=step.slack_m, freeze=freeze,
             )  # fmt: skip
             if not freeze:
                 m.landing, m.lands_s = found.foothold - ahead, t + max(found.remaining_s, cfg.freeze_s)
@@ -235,6 +238,25 @@ class WalkController:
         across = np.array([-along[1], along[0]])
         s = np.clip((zmp - a) @ along, -0.015, length + 0.015)
         return a + s * along + np.clip((zmp - a) @ across, -0.045, 0.045) * across
+
+    def _toe_down(self, pose: Array, foot: int) -> tuple[float, float]:
+        """Pitch of a swing foot [rad] that its ankle can follow, and how much higher it must be for its toe [m].
+
+        A foot that is lifted far behind the hip would bend its ankle beyond its range if it stayed level.
+        """
+        terms, lift = self.qp.terms, 0.0
+        hip = terms.p_WF[PELVIS] + terms.R_WF[PELVIS] @ np.array([0.0, SIDE[foot] * 0.117, -0.133])
+        c, s = np.cos(pose[3]), np.sin(pose[3])
+        ahead = c * (pose[0] - hip[0]) + s * (pose[1] - hip[1])
+        pitch = 0.0
+        for _ in range(3):
+            below = hip[2] - (pose[2] + lift + ANKLE_HEIGHT_M)
+            length = min(float(np.hypot(ahead, below)), THIGH_M + SHANK_M - 1e-3)
+            knee = np.arccos(np.clip((length**2 + SHANK_M**2 - THIGH_M**2) / (2 * length * SHANK_M), -1.0, 1.0))
+            shank = knee - np.arctan2(ahead, below)  # lean of the shank, forward
+            pitch = float(np.clip(shank - ANKLE_BEND_RAD, 0.0, 0.8))
+            lift = SOLE_FRONT_M * np.sin(pitch)
+        return pitch, lift
 
     def _write_targets(self, m: WalkMemory, com: Array, t: float) -> None:
         cfg, g, k, terms = self.config, self._targets, self._contacts, self.qp.terms
@@ -265,18 +287,19 @@ class WalkController:
             foot = LEFT_FOOT + step.foot
             landing = np.array([*m.landing, SOLE_HEIGHT_M])
             pose, speed, accel = m.swing.step(t - m.since_s, landing, step.yaw, m.lands_s - t)
-            g.frame_pos[foot] = pose[:3]
-            g.frame_rot[foot] = _yaw(pose[3])
-            g.frame_vel[foot] = [*speed[:3], 0.0, 0.0, speed[3]]
+            pitch, rise = self._toe_down(pose, step.foot)
+            pitch_rate, rise_rate = m.swing.tilt(pitch, rise, dt)
+            c, s = np.cos(pose[3]), np.sin(pose[3])
+            g.frame_pos[foot] = [pose[0], pose[1], pose[2] + rise]
+            g.frame_rot[foot] = _yaw(pose[3]) @ _pitch(pitch)
+            g.frame_vel[foot] = [*speed[:2], speed[2] + rise_rate, -s * pitch_rate, c * pitch_rate, speed[3]]
             g.frame_acc[foot] = [*accel[:3], 0.0, 0.0, accel[3]]
             k.foot_force_max_n[step.foot] = 0.0
 
 
-def swing_shape(step: Footstep, config: WalkConfig) -> SwingShape:
-    """Usual swing, or one that rises before it travels where something lies in the way."""
-    if step.apex_m <= config.swing_height_m + 1e-9:
-        return SwingShape(apex_m=step.apex_m)
-    return SwingShape(apex_m=step.apex_m, rise=0.40, leave=0.12, arrive=0.88, fall=0.60)
+def _pitch(pitch: float) -> Array:
+    c, s = np.cos(pitch), np.sin(pitch)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def _yaw(yaw: float) -> Array:

@@ -6,7 +6,9 @@ ground obstacle are left out. One dynamic programme over (station, foot) finds t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +16,24 @@ from numpy.typing import NDArray
 from hotice.control.walk.config import WalkConfig
 from hotice.control.walk.ground import Ground
 from hotice.control.walk.path import WalkPath
+from hotice.control.walk.swing import SwingShape
 from hotice.errors import UnreachableGoal
 
 Array = NDArray[np.float64]
 GRID_M = 0.01
+MAX_SLACK_M = 0.40
+SLACK_MARGIN_M = 0.010
+"""Distance of a sole to ground obstacles that step adjustment keeps."""
+_RISE, _LEAVE, _ARRIVE, _FALL = (0.45, 0.4, 0.35, 0.3), (0.0, 0.1, 0.15, 0.2, 0.25), (0.95, 0.85, 0.8, 0.75), (0.5, 0.6, 0.65, 0.7)
 LEFT, RIGHT = 0, 1
 SIDE = (1.0, -1.0)
 
 
 @dataclass(frozen=True)
 class Footstep:
-    """Where a foot lands: foot (0 left, 1 right), ankle position x, y [m], yaw [rad], station of the way [m], and the time
-    of single support before the landing, span_s, and of the landing since the start, time_s [s]."""
+    """Where a foot lands: foot (0 left, 1 right), ankle position x, y [m], yaw [rad], station of the way [m], the time of
+    single support before the landing, span_s, and of the landing since the start, time_s [s]; swing: over what lies between;
+    slack_m: how far back and ahead the foothold may be moved."""
 
     foot: int
     x: float
@@ -33,8 +41,13 @@ class Footstep:
     yaw: float
     station: float
     span_s: float
-    time_s: float = 0.0
-    apex_m: float = 0.0
+    time_s: float
+    swing: SwingShape
+    slack_m: tuple[float, float]
+
+    def hurry_s(self, config: WalkConfig) -> float:
+        """By how much the landing may come earlier: hardly, where the foot has to pass over something [s]."""
+        return config.hurry_s if self.swing.apex_m <= config.swing_height_m else 0.25 * config.hurry_s
 
     @property
     def xy(self) -> Array:
@@ -61,61 +74,118 @@ def plan_footsteps(
     if end - from_station < 2 * GRID_M:
         return []
     spacing = stations[1] - stations[0]
-    free = []
+    free: list[NDArray[np.bool_]] = []
     for foot in (LEFT, RIGHT):
         xy, yaw = foot_place(path, stations, foot, config.half_width_m)
         free.append(ground.sole_height(xy, yaw) <= 0.0)
-    usual = config.step_length_m
-    reach = int(np.floor(config.longest_step_m / spacing + 1e-9))
-    gains = np.arange(0, reach + 1) * spacing
-    price = ((gains - usual) / usual) ** 2 + 0.05
-    price[gains < 0.5 * usual] += 0.3  # a shuffle costs time
-    price += np.maximum(gains - config.step_length_m, 0.0) ** 2 / usual**2 * 2.0
-    best = np.full((2, count), np.inf)
-    before = np.full((2, count), -1)
-    best[1 - first_foot, 0] = 0.0
-    free[1 - first_foot][0] = True
-    # stations ascend, feet alternate; equal stations only from the other foot at the same place
-    for k in range(count):
-        for _ in range(2):
-            for foot in (LEFT, RIGHT):
-                if not free[foot][k]:
-                    continue
-                low = max(0, k - reach)
-                options = best[1 - foot, low : k + 1] + price[: k - low + 1][::-1]
-                j = int(np.argmin(options))
-                if options[j] < best[foot, k] - 1e-12:
-                    best[foot, k], before[foot, k] = options[j], low + j
-    last = min((LEFT, RIGHT), key=lambda f: best[f, -1] + (0.0 if free[1 - f][-1] else np.inf))
-    if not np.isfinite(best[last, -1]) or not free[1 - last][-1]:
+    chain = _chain(free, spacing, config, first_foot)
+    if chain is None:
         raise UnreachableGoal(
             f"no footholds within steps of {config.longest_step_m:g} m lead over the ground obstacles: "
             "raise longest_step_m or move the obstacles"
         )
-    chain, foot, k = [], last, count - 1
-    while not (k == 0 and foot == 1 - first_foot and before[foot, k] < 0):
-        chain.append((foot, k))
-        k, foot = int(before[foot, k]), 1 - foot
-        if k < 0:
-            break
-    chain.reverse()
     steps = []
+    near = Ground(ground.scene, min(SLACK_MARGIN_M, ground.margin_m))
     place = {f: np.array(foot_place(path, from_station, f, config.half_width_m)[0]) for f in (LEFT, RIGHT)}
     time_s = config.shift_s
-    for foot, k in [*chain, (1 - last, count - 1)]:
+    for foot, k in [*chain, (1 - chain[-1][0], count - 1)]:
         xy, yaw = foot_place(path, stations[k], foot, config.half_width_m)
-        apex = config.swing_height_m
-        over = swing_height(ground, place[foot], xy, float(yaw))
-        apex = max(apex, over + config.swing_clearance_m if over > 0 else 0.0)
-        span = config.swing_time(float(np.linalg.norm(xy - place[foot])), apex)
+        swing, span = plan_swing(ground, place[foot], xy, float(yaw), config)
+        slack = free_slack(near, xy, float(yaw))
         time_s += span
-        steps.append(Footstep(foot, float(xy[0]), float(xy[1]), float(yaw), float(stations[k]), span, time_s, apex))
+        steps.append(
+            Footstep(foot, float(xy[0]), float(xy[1]), float(yaw), float(stations[k]), span, time_s, swing, slack)
+        )
         time_s += config.double_support_s
         place[foot] = np.asarray(xy)
     return steps
 
 
-def swing_height(ground: Ground, start: Array, end: Array, yaw: float) -> float:
-    """Least height of the sole that passes over everything between two footholds [m]."""
-    share = np.linspace(0.0, 1.0, 25)[:, None]
-    return float(ground.sole_height(start + share * (end - start), yaw).max())
+def _chain(
+    free: list[NDArray[np.bool_]], spacing: float, config: WalkConfig, first_foot: int
+) -> list[tuple[int, int]] | None:
+    """Cheapest alternating chain (foot, index) to the last station, without the closing step; None where there is none.
+
+    best[foot, k, g]: of chains whose last step, of that foot, gained g stations and landed on station k. A step is priced by
+    its gain and by what its foot travels, the gain of the step before included.
+    """
+    count, usual = len(free[LEFT]), config.step_length_m
+    reach = min(int(np.floor(config.longest_step_m / spacing + 1e-9)), count - 1)
+    gain = np.arange(reach + 1) * spacing
+    price = ((gain - usual) / usual) ** 2 + 0.05 + 2.0 * np.maximum(gain / usual - 1.0, 0.0) ** 2
+    price[gain < 0.5 * usual] += 0.3  # a shuffle costs time
+    travel = gain[:, None] + gain  # of a foot, by its own gain and the gain before
+    far = 8.0 * (np.maximum(travel - 2.0 * usual, 0.0) / usual) ** 2
+    best = np.full((2, count, reach + 1), np.inf)
+    before = np.full((2, count, reach + 1), -1)
+    best[1 - first_foot, 0, 0] = 0.0  # the feet stand side by side
+    for k in range(count):
+        for g in range(min(reach, k) + 1):
+            for foot in (LEFT, RIGHT):
+                if not free[foot][k] or (g == 0 and k != count - 1):
+                    continue
+                options = best[1 - foot, k - g] + far[g]
+                i = int(np.argmin(options))
+                cost = options[i] + price[g]
+                if cost < best[foot, k, g]:
+                    best[foot, k, g], before[foot, k, g] = cost, i
+    ends = [(best[f, -1].min() if free[1 - f][-1] else np.inf) for f in (LEFT, RIGHT)]
+    foot = int(np.argmin(ends))
+    if not np.isfinite(ends[foot]):
+        return None
+    k, g = count - 1, int(np.argmin(best[foot, -1]))
+    chain = []
+    while before[foot, k, g] >= 0:
+        chain.append((foot, k))
+        foot, k, g = 1 - foot, k - g, int(before[foot, k, g])
+    return chain[::-1]
+
+
+def plan_swing(ground: Ground, start: Array, end: Array, yaw: float, config: WalkConfig) -> tuple[SwingShape, float]:
+    """The quickest swing whose sole passes over everything between two footholds, and its time [s].
+
+    What is below the sole is compared along the whole swing; where no shape of the table passes, the most cautious is taken.
+    """
+    distance = float(np.linalg.norm(end - start))
+    share = np.linspace(0.0, 1.0, 41)
+    needed = ground.sole_height(start + share[:, None] * (end - start), yaw)
+    needed = np.where(needed > 0.0, needed + config.swing_clearance_m, 0.0)
+    needed[[0, -1]] = 0.0
+    apex = max(config.swing_height_m, float(needed.max()))
+    usual = SwingShape(apex_m=apex)
+    if not needed.any():
+        return usual, config.swing_time(distance, usual)
+    heights, travels = _swing_table()
+    below = np.interp(travels, share, needed)
+    passes = (apex * heights >= below - 1e-9).all(axis=1)
+    shapes = [replace(shape, apex_m=apex) for shape, good in zip(_shapes(), passes, strict=True) if good]
+    shapes = shapes or [SwingShape(apex_m=apex, rise=0.3, leave=0.3, arrive=0.7, fall=0.7)]
+    spans = [config.swing_time(distance, shape) for shape in shapes]
+    k = int(np.argmin(spans))
+    return shapes[k], spans[k]
+
+
+def _shapes() -> list[SwingShape]:
+    return [
+        SwingShape(apex_m=1.0, rise=rise, leave=leave, arrive=arrive, fall=fall)
+        for rise, leave, arrive, fall in itertools.product(_RISE, _LEAVE, _ARRIVE, _FALL)
+    ]
+
+
+@lru_cache(maxsize=1)
+def _swing_table() -> tuple[Array, Array]:
+    """Height over the apex, and share of the way, of every shape at 81 instants, (shapes, 81) each."""
+    u = np.linspace(0.0, 1.0, 81)
+    heights = np.array([[shape.height(v)[0] for v in u] for shape in _shapes()])
+    return heights, np.array([[shape.travel(v) for v in u] for shape in _shapes()])
+
+
+def free_slack(ground: Ground, xy: Array, yaw: float) -> tuple[float, float]:
+    """How far a foothold may move back and ahead before its sole touches something, at most `MAX_SLACK_M` [m]."""
+    along = np.array([np.cos(yaw), np.sin(yaw)])
+    offsets = np.arange(GRID_M, MAX_SLACK_M + 1e-9, GRID_M)
+    ways = []
+    for sign in (-1.0, 1.0):
+        blocked = ground.sole_height(xy + sign * offsets[:, None] * along, yaw) > 0.0
+        ways.append(float(offsets[blocked.argmax()] - GRID_M) if blocked.any() else MAX_SLACK_M)
+    return ways[0], ways[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.fields import HodPf
+from hotice.model.scene import Scene
 
 Array = NDArray[np.float64]
 SOLE_FRONT_M, SOLE_BACK_M, SOLE_HALF_WIDTH_M = 0.142, 0.066, 0.038
@@ -23,8 +23,8 @@ class Ground:
     `sole_height` is exact where the signed distance is; obstacles that end above `HIGHEST_M` cannot be stepped over.
     """
 
-    def __init__(self, pf: HodPf, margin_m: float) -> None:
-        self.scene = pf.scene
+    def __init__(self, scene: Scene, margin_m: float) -> None:
+        self.scene = scene
         self.margin_m = margin_m
 
     def sole_height(self, xy: Array, yaw: Array | float) -> Array:

@@ -39,5 +39,5 @@ def plan_walk(
     spheres = body_spheres(state)
     table = postures(state, spheres, config)
     path = plan_path(pf, start, table[0].body, margin_m=config.body_margin_m)
-    steps = plan_footsteps(path, Ground(pf, config.ground_margin_m), config, first_foot=first_foot)
+    steps = plan_footsteps(path, Ground(pf.scene, config.ground_margin_m), config, first_foot=first_foot)
     return WalkPlan(path, tuple(steps), plan_profile(pf, path, table, config))

@@ -101,7 +101,9 @@ def plan_profile(pf: HodPf, path: WalkPath, table: list[WalkPosture], config: Wa
         height = np.full(len(station), table[0].height_m)
         return PostureProfile(station, height, np.full(len(station), table[0].lean_rad), np.inf)
     xy, yaw = path.at(station)
-    clearance = np.stack([_overhead(overhead, pf.margin_m - config.head_margin_m, xy, yaw, p.body) for p in table])  # (postures, stations)
+    clearance = np.stack(
+        [_overhead(overhead, pf.margin_m - config.head_margin_m, xy, yaw, p.body) for p in table]
+    )  # (postures, stations)
     ahead, behind = (round(d / (station[1] - station[0])) for d in (AHEAD_M, BEHIND_M))
     padded = np.pad(clearance, ((0, 0), (behind, ahead)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, ahead + behind + 1, axis=1)

@@ -76,6 +76,7 @@ class Swing:
         self._xyw = np.array([start[0], start[1], start_yaw])
         self._speed, self._accel = np.zeros(3), np.zeros(3)
         self._time = 0.0
+        self._tilt: tuple[float, float] | None = None
 
     def step(self, t: float, landing: Array, landing_yaw: float, remaining_s: float) -> tuple[Array, Array, Array]:
         """Pose (x, y, z, yaw), velocity and acceleration, (4,) each, at time t since take-off.
@@ -96,3 +97,8 @@ class Swing:
         speed = np.array([self._speed[0], self._speed[1], dz / total, self._speed[2]])
         accel = np.array([self._accel[0], self._accel[1], ddz / total**2, self._accel[2]])
         return pose, speed, accel
+
+    def tilt(self, pitch: float, rise: float, dt: float) -> tuple[float, float]:
+        """Rates of the foot's pitch [rad/s] and of its rise for the toe [m/s] since the step before."""
+        before, self._tilt = self._tilt or (pitch, rise), (pitch, rise)
+        return ((pitch - before[0]) / dt, (rise - before[1]) / dt) if dt > 0.0 else (0.0, 0.0)
