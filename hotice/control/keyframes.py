@@ -10,8 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from hotice.compiled import compiled
 from hotice.control.terms import LEFT_FOOT, LEFT_HAND, NV, PELVIS, RIGHT_FOOT, Terms
 from hotice.model.carry import surface_distance
 from hotice.model.frames import quat_to_mat
@@ -43,24 +44,30 @@ class Pose:
 
     def __init__(self, terms: Terms) -> None:
         self.terms = terms
+        self._joints: dict[str, tuple[int, Array]] = {}
 
     def point(self, frame: int, p_F: Array) -> tuple[Array, Array]:
         """Points p_F (K, 3) of a frame in W, (K, 3), and their Jacobian (K, 3, 26)."""
         t = self.terms
         r = p_F @ t.R_WF[frame].T
-        J = t.J_WF[frame]
-        return t.p_WF[frame] + r, J[None, :3] + np.swapaxes(np.cross(J[3:].T[None], r[:, None]), 1, 2)
+        return t.p_WF[frame] + r, _carried_points(t.J_WF[frame], r)
 
     def point_of_joint(self, name: str) -> tuple[Array, Array]:
         """Origin of a joint in W, (3,), and its Jacobian (3, 26)."""
         t = self.terms
-        joint = t.model.getJointId(name)
+        joint, moves = self._joint(name)
         p = t.data.oMi[joint].translation.copy()
-        J = np.zeros((3, NV))
-        for above in t.model.supports[joint].tolist()[1:]:
-            at = slice(t.model.joints[above].idx_v, t.model.joints[above].idx_v + t.model.joints[above].nv)
-            J[:, at] = t.data.J[:3, at] + np.cross(t.data.J[3:, at].T, p).T
-        return p, J
+        return p, _carried_points(t.data.J * moves, p[None])[0]
+
+    def _joint(self, name: str) -> tuple[int, Array]:
+        if name not in self._joints:
+            model = self.terms.model
+            joint, moves = model.getJointId(name), np.zeros(NV)
+            for above in model.supports[joint].tolist()[1:]:
+                first = model.joints[above].idx_v
+                moves[first : first + model.joints[above].nv] = 1.0
+            self._joints[name] = joint, moves
+        return self._joints[name]
 
     def frame(self, frame: int, p_W: Array, R_W: Array, weight: tuple[float, float]) -> Rows:
         """Position and orientation of a frame, 6 rows."""
@@ -70,13 +77,13 @@ class Pose:
         r = np.concatenate([weight[0] * (t.p_WF[frame] - p_W), weight[1] * turn])
         return r, np.repeat(weight, 3)[:, None] * t.J_WF[frame]
 
-    def palms(self, carried: CarriedObject, pose: ObjectPose, gap_m: float, weight: float) -> Rows:
-        """Every palm sphere is `gap_m` off the object's surface, 8 rows."""
+    def palms(self, carried: CarriedObject, pose: ObjectPose, gap_m: ArrayLike, weight: float) -> Rows:
+        """Every palm sphere is `gap_m`, () or (4,), off the object's surface, 8 rows."""
         r, J = [], []
         for hand in range(2):
             p, by_v = self.point(LEFT_HAND + hand, PALM_POINTS_M)
             distance, normal = surface_distance(carried, (p - pose.p_WO) @ pose.R_WO)
-            r.append(weight * (distance - PALM_RADIUS_M - gap_m))
+            r.append(weight * (distance - PALM_RADIUS_M - np.asarray(gap_m)))
             J.append(weight * np.einsum("kc,kcv->kv", normal @ pose.R_WO.T, by_v))
         return np.concatenate(r), np.concatenate(J)
 
@@ -119,6 +126,20 @@ class Pose:
         c, s = np.cos(now[2]), np.sin(now[2])
         heading = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         return weight * (now - rpy), weight[:, None] * (heading @ t.J_WF[PELVIS, 3:])
+
+
+@compiled
+def _carried_points(J, r):
+    """Jacobians (K, 3, 26) of points r (K, 3) off the place whose twist has the Jacobian J (6, 26)."""
+    out = np.empty((len(r), 3, J.shape[1]))
+    for i in range(len(r)):
+        x, y, z = r[i]
+        for k in range(J.shape[1]):
+            wx, wy, wz = J[3, k], J[4, k], J[5, k]
+            out[i, 0, k] = J[0, k] + wy * z - wz * y
+            out[i, 1, k] = J[1, k] + wz * x - wx * z
+            out[i, 2, k] = J[2, k] + wx * y - wy * x
+    return out
 
 
 Residual = Callable[[Pose], list[Rows]]

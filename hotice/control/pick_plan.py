@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.keyframes import FEET, PALM_RADIUS_M, KeyframeIk, ObjectPose, Pose, Rows, hinge
+from hotice.control.contacts import PALM_M
+from hotice.control.keyframes import FEET, PALM_POINTS_M, PALM_RADIUS_M, KeyframeIk, ObjectPose, Pose, Rows, hinge
 from hotice.control.terms import LEFT_HAND, PELVIS, RIGHT_HAND, Terms
 from hotice.errors import PickInfeasible
 from hotice.model import g1
@@ -24,15 +25,19 @@ Array = NDArray[np.float64]
 SUPPORT_TOP_M = (0.40, 0.85)
 GRASP_ABOVE_CENTRE_M = 0.035
 PREGRASP_GAP_M = 0.07
+GRIP_AHEAD_M = 0.04
+TOE_IN_M = 0.0025
+"""Boxes are held between the front of the palms, whose rear stays off by this much: locked wrists cannot make palms perfectly
+flush, and which pair of palm spheres carries must be known, so that it can be put beside the centre of mass."""
 PALM_REACH_M = 0.14  # a palm further than this behind the near face is not asked for
 CLEAR_M = 0.03  # between object and support
 READY_ARM = np.array([0.8, 0.6, 0.9, -0.7])  # left: hands wide and drawn back [rad]
 TIPS_M = np.array([[0.075, 0.0, -0.04], [-0.1, 0.0, -0.04]])  # of the hand frame: fingers and wrist, from below
-COM_BOX_M = np.array([[-0.035, -0.05], [0.05, 0.05]])
+COM_BOX_M = np.array([[-0.035, -0.085], [0.05, 0.085]])
 MAX_GAP_M = 0.008
 MAX_OFF_M = 0.08
 LEG_WEIGHT, ARM_WEIGHT = 0.02, 0.05
-RETREAT_KNOTS = 8
+LIFT_KNOTS, RETREAT_KNOTS = 4, 8
 STEPPING_HEIGHT_M = 0.755  # highest pelvis at which the legs are long enough to step
 
 
@@ -61,7 +66,7 @@ class PickPlan:
         crouch: pelvis ready for the grasp, arms drawn back; pregrasp: palms off the object; grasp: palms on it.
         retreat: (K, 27) from the grasp over the lifted object to the carry state.
         lift_knots: how many of them belong to the lift.
-        p_OH: (2, 3) palms in the object frame; p_HO: (2, 3) the object's centre in the hand frames [m].
+        p_OH: (2, 3) palms in the object frame; p_HO: (2, 3) the object's centre in the hand frames; hand_point: (2, 3) where the hands press, in their frames [m].
         p_GO: (3,) where the object ends, in G as it is then; back_m: how far the robot steps back between lift and retreat.
     """
 
@@ -72,6 +77,7 @@ class PickPlan:
     lift_knots: int
     p_OH: Array
     p_HO: Array
+    hand_point: Array
     p_GO: Array
     back_m: float
 
@@ -94,6 +100,9 @@ class Planner:
         self.carried, self.support = carried, support
         above = 0.0 if carried.shape == "sphere" else min(GRASP_ABOVE_CENTRE_M, carried.half_extents_m[2] - 0.05)
         self.above_m = max(above, 0.0)
+        box = carried.shape == "box"
+        self.grip_m = GRIP_AHEAD_M if box else 0.0
+        self.toe_m = np.where(PALM_POINTS_M[:, 0] < 0, TOE_IN_M, 0.0) if box else np.zeros(4)
         self.carry = solve_carry(carried, grasp_height_m=self.above_m)
         self.terms = Terms(self.carry.wrist_pos)
         self._ik = KeyframeIk(self.terms)
@@ -128,7 +137,7 @@ class Planner:
         def pregrasp(p: Pose) -> list[Rows]:
             return [
                 *before(p),
-                p.palms(carried, pose, PREGRASP_GAP_M, 50.0),
+                p.palms(carried, pose, PREGRASP_GAP_M + self.toe_m, 50.0),
                 p.hand_places(pose, p_OH, np.eye(3)[[0, 2]], 15.0),
             ]
 
@@ -140,17 +149,19 @@ class Planner:
         final, back = self._carry_pose(pose)
         lifted = ObjectPose(p_WO=pose.p_WO + [0.0, 0.0, self._rise(pose)], R_WO=pose.R_WO)
         holds = _Holds(feet=feet, hands=hands, grasped=pose, p_OH=p_OH)
-        halfway = self._held(grasp, grasp[7:], holds, _between(pose, lifted, 0.5), arms=0.5, upright=0.1)
-        up = self._held(halfway, grasp[7:], holds, lifted, arms=0.5, upright=0.1)
-        end = self._held(self._carry_q(q_start), self.carry.joint_pos, holds, final, arms=0.3, upright=1.0)
-        retreat = [grasp, halfway, up]
+        retreat, turned = [grasp], _rpy(t._pin, grasp[3:7])
+        for share in np.linspace(0.0, 1.0, LIFT_KNOTS + 1)[1:]:
+            at = _between(pose, lifted, share)
+            retreat.append(self._held(retreat[-1], grasp[7:], holds, at, turned, arms=0.5, low=self.steps_back))
+        end = self._held(self._carry_q(q_start), self.carry.joint_pos, holds, final, np.zeros(3), arms=0.3)
+        up = retreat[-1]
         for share in np.linspace(0.0, 1.0, RETREAT_KNOTS + 1)[1:-1]:
             guess = t._pin.interpolate(t.model, up, end, share)
             retreat.append(self._pulled(guess, holds, _between(lifted, final, share)))
         retreat.append(end)
         return PickPlan(
-            crouch=crouch, pregrasp=pre, grasp=grasp, retreat=np.array(retreat), lift_knots=2, p_OH=p_OH, p_HO=centre,
-            p_GO=final.p_WO, back_m=back,
+            crouch=crouch, pregrasp=pre, grasp=grasp, retreat=np.array(retreat), lift_knots=LIFT_KNOTS, p_OH=p_OH,
+            p_HO=centre, hand_point=PALM_M + [self.grip_m, 0.0, 0.0], p_GO=final.p_WO, back_m=back,
         )  # fmt: skip
 
     def _yaw(self, quat_GO: Array) -> float:
@@ -174,7 +185,10 @@ class Planner:
         weight = np.full(20, ARM_WEIGHT)
         weight[g1.LOWER] = LEG_WEIGHT
         place = np.array(
-            [[min(0.0, PALM_REACH_M - half[0]), s * (half[1] + PALM_RADIUS_M), self.above_m] for s in (1.0, -1.0)]
+            [
+                [min(-self.grip_m, PALM_REACH_M - half[0]), s * (half[1] + PALM_RADIUS_M), self.above_m]
+                for s in (1.0, -1.0)
+            ]
         )
         front = np.array([[0.079, y, z] for y in (-0.08, 0.08) for z in (0.0, 0.14, 0.27)])
 
@@ -184,11 +198,12 @@ class Planner:
                 distance, normal = surface_distance(carried, (chest - pose.p_WO) @ pose.R_WO)
                 return [
                     *self._stand(p, feet, 0.0, pose.p_WO),
+                    *([self._low(p)] if self.steps_back else []),
                     _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
-                    p.palms(carried, pose, 0.0, stiff),
+                    p.palms(carried, pose, self.toe_m, stiff),
                     p.hand_places(pose, place, np.eye(3), 15.0),
                     p.hand_pitch(0.0, 2.0),
-                    p.pelvis_turn(np.array([0.0, 0.1, yaw]), np.array([2.0, 1.0, turn])),
+                    p.pelvis_turn(np.array([0.0, 0.1, yaw]), np.array([6.0, 1.0, turn])),
                     hinge(distance - 0.02, np.einsum("kc,kcv->kv", normal @ pose.R_WO.T, J), 100.0),
                 ]
 
@@ -215,10 +230,11 @@ class Planner:
                 best, cost = q, now
             if cost < 0.5:
                 break
+        self.cost = cost
         t.q[:] = best
         t.refresh()
         p = Pose(t)
-        gap = float(np.abs(p.palms(carried, pose, 0.0, 1.0)[0]).max())
+        gap = float(np.abs(p.palms(carried, pose, self.toe_m, 1.0)[0]).max())
         off = float(np.abs(p.hand_places(pose, place, np.eye(3), 1.0)[0]).max())
         slip = max(float(np.linalg.norm(t.p_WF[f] - at)) for f, at, _ in feet)
         if gap > MAX_GAP_M or off > MAX_OFF_M or slip > 0.01:
@@ -245,23 +261,28 @@ class Planner:
     def _carry_q(self, q_start: Array) -> Array:
         return np.concatenate([self.carry.root_pos_W, np.roll(self.carry.quat_WP, -1), self.carry.joint_pos])
 
+    @staticmethod
+    def _low(p: Pose) -> Rows:
+        return hinge(STEPPING_HEIGHT_M - p.terms.p_WF[PELVIS, 2:3], -p.terms.J_WF[PELVIS, 2:3], 60.0)
+
     def _held(
-        self, start: Array, posture: Array, holds: _Holds, at: ObjectPose, *, arms: float, upright: float
+        self, start: Array, posture: Array, holds: _Holds, at: ObjectPose, rpy: Array, *, arms: float, low: bool = False
     ) -> Array:
-        """The robot with the object at a pose and its hands on it as they grasped it, near `start` and `posture`."""
+        """The robot with the object at a pose and its hands on it as they grasped it, near `start` and `posture`.
+
+        `rpy`: wished turn of the pelvis; `arms`: weight of the posture of the arms; `low`: the pelvis lets the legs step.
+        """
         weight = np.full(20, arms)
         weight[g1.LOWER] = LEG_WEIGHT
         R = at.R_WO @ holds.grasped.R_WO.T
-        turn = np.array([2.0, upright, 1.0])
 
         def rows(p: Pose) -> list[Rows]:
             found = self._stand(p, holds.feet, self.carried.mass_kg, at.p_WO)
             for (f, _, R_hand), place in zip(holds.hands, holds.p_OH, strict=True):
                 found.append(p.frame(f, at.p_WO + at.R_WO @ place, R @ R_hand, (200.0, 40.0)))
-            found.append(p.pelvis_turn(np.zeros(3), turn))
-            if self.steps_back:
-                low, J = STEPPING_HEIGHT_M - self.terms.p_WF[PELVIS, 2:3], -self.terms.J_WF[PELVIS, 2:3]
-                found.append(hinge(low, J, 60.0))
+            found.append(p.pelvis_turn(rpy, np.array([2.0, 1.0, 1.0])))
+            if low:
+                found.append(self._low(p))
             return found
 
         return self._ik.solve(start, posture, weight, rows)

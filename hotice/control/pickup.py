@@ -336,10 +336,12 @@ class Pickup:
         k.hand_force_max_n[:] = 2.0 * self.squeeze_n if memory.squeeze_n > 0 else 0.0
         k.load_kg = memory.load_share * self.carried.mass_kg
         k.hand_moment_W[:] = 0.0
+        if memory.plan is not None:
+            k.hand_point[:] = memory.plan.hand_point
         if memory.plan is not None and k.load_kg > 0.0:
             weight = 0.5 * k.load_kg * GRAVITY
             for hand, R in enumerate(self._qp.terms.R_WF[HANDS]):
-                x, y, _ = R @ memory.plan.p_HO[hand]
+                x, y, _ = R @ (memory.plan.p_HO[hand] - memory.plan.hand_point[hand])
                 k.hand_moment_W[hand, :2] = -y * weight, x * weight
 
 

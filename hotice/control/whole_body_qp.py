@@ -50,7 +50,7 @@ class QpConfig:
     """Of the rows that keep a standing foot where it is."""
     stand_damping: float = 20.0
     """Of a standing foot's velocity [1/s]."""
-    force_weight: float = 2e-5
+    force_weight: float = 1e-4
     """Of squared foot forces [1/N²]."""
     hand_weight: float = 1.0
     """Of the squared difference to the wished hand forces [1/N²]."""
