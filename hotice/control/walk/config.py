@@ -58,7 +58,7 @@ class WalkConfig:
     """Added to the height that passes over a ground obstacle."""
     ground_margin_m: float = 0.025
     """Distance of soles to ground obstacles."""
-    body_margin_m: float = 0.07
+    body_margin_m: float = 0.10
     """Distance of body and load to other obstacles, where there is room."""
     head_margin_m: float = 0.05
     """Distance of head and load to what hangs over them."""
@@ -80,7 +80,7 @@ class WalkConfig:
     """Force on a swing foot that counts as its landing [N]."""
     height_speed_m_s: float = 0.20
     """Fastest change of the pelvis height."""
-    lean_speed_rad_s: float = 0.5
+    lean_speed_rad_s: float = 0.8
     """Fastest change of the lean."""
     weights: TaskWeights = TaskWeights()
     """Of the whole-body QP."""
