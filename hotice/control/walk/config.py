@@ -34,7 +34,7 @@ class WalkConfig:
     Raises `InvalidConfig` for values that no gait has.
     """
 
-    step_length_m: float = 0.25
+    step_length_m: float = 0.27
     """Usual advance from one foothold to the next."""
     longest_step_m: float = 0.48
     """Largest advance, over a ground obstacle."""
@@ -44,13 +44,13 @@ class WalkConfig:
     """Time of single support of a usual step."""
     foot_speed_m_s: float = 2.6
     """Fastest a foot travels; a step that would need more takes longer."""
-    careful_speed_m_s: float = 1.7
+    careful_speed_m_s: float = 1.9
     """The same over a ground obstacle: a leg that is swung fast turns the body."""
     lift_speed_m_s: float = 1.1
     """Fastest a foot rises or sinks."""
-    double_support_s: float = 0.07
+    double_support_s: float = 0.06
     """Time for which the load moves from one foot to the other."""
-    shift_s: float = 0.40
+    shift_s: float = 0.36
     """Time for which the load moves onto the first stance foot."""
     swing_height_m: float = 0.06
     """Height of the sole at the top of a usual step."""
