@@ -39,6 +39,10 @@ class CarryInfeasible(HoticeError):
     """No carry state exists for this object and posture; says why."""
 
 
+class PickInfeasible(HoticeError):
+    """An object that cannot be picked up from where it is; says why."""
+
+
 class InvalidConfig(HoticeError):
     """A configuration value outside its allowed range."""
 

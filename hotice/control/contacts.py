@@ -19,6 +19,8 @@ FOOT_POINTS = 4
 SOLE_POINTS_M = np.array([[[-0.05, s * 0.025, -0.035], [-0.05, -s * 0.025, -0.035], [0.12, s * 0.03, -0.035],
                            [0.12, -s * 0.03, -0.035]] for s in (1.0, -1.0)])  # fmt: skip
 """(2, 4, 3) where the soles touch the floor, in the frame of the ankle-roll link [m]; a test holds them to g1.xml."""
+PALM_M = np.array([[0.0, -0.02, 0.0], [0.0, 0.02, 0.0]])
+"""(2, 3) middle of the palms' surfaces in the hand frames [m]."""
 CONE_ROWS = 5 * (2 * FOOT_POINTS + 2)
 
 
@@ -30,8 +32,8 @@ class Contacts:
         foot_force_max_n: (2,) largest normal force of each sole point; 0 where the foot is in the air.
         hand_normal_W: (2, 3) unit, from the object into the hand. hand_force_ref_W: (2, 3) wished force on each hand [N],
             beside the load. hand_force_max_n: (2,) largest normal force; 0 where the hand is free.
-        hand_point: (2, 3) where the force acts, in the hand frame [m]: put it beside the object's centre of mass, and the
-            moment of an off-centre grasp is part of the dynamics.
+        hand_point: (2, 3) where the force acts, in the hand frame [m]: the middle of the palm's surface.
+        hand_moment_W: (2, 3) known moments on the hands [N m]: of a load whose centre is not between the palms.
         load_kg: mass that the hands carry, 0 while a support carries it.
     """
 
@@ -39,7 +41,8 @@ class Contacts:
     hand_normal_W: Array = field(default_factory=lambda: np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]))
     hand_force_ref_W: Array = field(default_factory=lambda: np.zeros((2, 3)))
     hand_force_max_n: Array = field(default_factory=lambda: np.zeros(2))
-    hand_point: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    hand_point: Array = field(default_factory=lambda: PALM_M.copy())
+    hand_moment_W: Array = field(default_factory=lambda: np.zeros((2, 3)))
     load_kg: float = 0.0
 
 
@@ -113,3 +116,13 @@ def stack_hands(J_WF, R_WF, v_WF, drift_WF, points, normal, friction, force_max,
                 C[row + 2 * i + 1, column + c] = -t[i, c] - friction * n[c]
             C[row + 4, column + c] = n[c]
         upper[row + 4] = force_max[hand]
+
+
+@compiled
+def add_moments(J_WF, moments, h, out):
+    """Bias forces h (26,) less what known moments on the hands do, into `out`."""
+    out[:] = h
+    for hand in range(2):
+        for k in range(26):
+            for c in range(3):
+                out[k] -= J_WF[3 + hand, 3 + c, k] * moments[hand, c]

@@ -50,9 +50,9 @@ class QpConfig:
     """Of the rows that keep a standing foot where it is."""
     stand_damping: float = 20.0
     """Of a standing foot's velocity [1/s]."""
-    force_weight: float = 2e-5
+    force_weight: float = 1e-4
     """Of squared foot forces [1/N²]."""
-    hand_weight: float = 1e-2
+    hand_weight: float = 1.0
     """Of the squared difference to the wished hand forces [1/N²]."""
     acceleration_weight: float = 1e-3
     """Of squared accelerations."""
@@ -120,18 +120,26 @@ class WholeBodyQp:
         )
         self._weighted = np.zeros((tasks.ROWS, NV))
         self._force_ref = np.zeros(6)
+        self._h = np.zeros(NV)
 
     def start(self, measurement: Measurement) -> QpMemory:
         """Memory before the first solve: no torque, the measured joint angles (zero where not finite)."""
         pos = np.where(np.isfinite(measurement.joint_pos), measurement.joint_pos, 0.0)
         return QpMemory(guess=Guess.zeros(self.problem), torque=np.zeros(NUM_JOINTS), joint_pos=pos)
 
-    def solve(self, measurement: Measurement, targets: Targets, contacts: Contacts, memory: QpMemory) -> Array:
-        """Torques (20,) [N m], written into `memory` too; the last safe ones where this state has none, which is counted."""
+    def solve(
+        self, measurement: Measurement, targets: Targets, contacts: Contacts, memory: QpMemory, *, updated: bool = False
+    ) -> Array:
+        """Torques (20,) [N m], written into `memory` too; the last safe ones where this state has none, which is counted.
+
+        `updated` says that `terms` already describe the measurement.
+        """
         begin = time.perf_counter()
         solved = measurement.finite()
         if solved:
-            self.assemble(measurement, targets, contacts)
+            if not updated:
+                self.terms.update(measurement)
+            self.assemble(targets, contacts)
             solved = bool(np.isfinite(self.problem.g).all()) and self._solver.solve(memory.guess)
         late = self.config.deadline_s is not None and time.perf_counter() - begin > self.config.deadline_s
         if not solved or late:
@@ -141,16 +149,15 @@ class WholeBodyQp:
             return self._fallback(measurement, memory)
         p, x = self.problem, memory.guess.x
         np.dot(p.C[TORQUE_ROWS], x, out=memory.torque)
-        memory.torque += self.terms.h[NV - NUM_JOINTS :]
+        memory.torque += self._h[NV - NUM_JOINTS :]
         np.clip(memory.torque, -self._full_limit, self._full_limit, out=memory.torque)
         memory.joint_pos[:] = measurement.joint_pos
         memory.in_a_row = 0
         return memory.torque
 
-    def assemble(self, measurement: Measurement, targets: Targets, contacts: Contacts) -> None:
-        """Writes the problem of this state into `problem`."""
+    def assemble(self, targets: Targets, contacts: Contacts) -> None:
+        """Writes the problem of the state of `terms` into `problem`."""
         t, p, c, k, g = self.terms, self.problem, self.config, contacts, targets
-        t.update(measurement)
         A, b, w = self._task_A, self._task_b, self._task_w
         tasks.stack_com(
             t.J_com,
@@ -179,7 +186,8 @@ class WholeBodyQp:
         reference[2] -= 0.5 * k.load_kg * touch.GRAVITY
         reference[5] -= 0.5 * k.load_kg * touch.GRAVITY
         _objective(A, b, w, self._weighted, c.acceleration_weight, c.force_weight, c.hand_weight, reference, p.H, p.g)
-        _dynamics(t.M, t.h, self._limit, p.A, p.b, p.C, p.lower, p.upper)
+        touch.add_moments(t.J_WF, k.hand_moment_W, t.h, self._h)
+        _dynamics(t.M, self._h, self._limit, p.A, p.b, p.C, p.lower, p.upper)
         _limits(t.q, t.v, t.lower, t.upper, c.limit_horizon_s, p.lower, p.upper)
         touch.stack_feet(
             t.J_WF, t.R_WF, touch.SOLE_POINTS_M, c.foot_friction, k.foot_force_max_n, p.A, p.C, p.upper, FIRST_CONE

@@ -126,7 +126,7 @@ class _Kinematics:
         return np.moveaxis(np.cross(self.data.xaxis[joints], arm), 1, 2)
 
 
-def _shape_distance(carried: CarriedObject, p_O: NDArray) -> tuple[NDArray, NDArray]:
+def surface_distance(carried: CarriedObject, p_O: NDArray) -> tuple[NDArray, NDArray]:
     """Signed distance to the object's surface and its gradient, (N, 3) in O -> (N,), (N, 3)."""
     if isinstance(carried, Box):
         out = np.abs(p_O) - carried.half_extents_m  # beyond each pair of faces
@@ -162,7 +162,9 @@ def _set_arms(kin: _Kinematics, angles: NDArray) -> None:
     kin.wrist[:3], kin.wrist[3:] = angles[4:], WRIST_SIGN * angles[4:]
 
 
-def _solve_arms(kin: _Kinematics, carried: CarriedObject, guess: NDArray | None) -> tuple[NDArray, NDArray, float]:
+def _solve_arms(
+    kin: _Kinematics, carried: CarriedObject, guess: NDArray | None, grasp_height_m: float
+) -> tuple[NDArray, NDArray, float]:
     """Arm and wrist angles and object position (relative to the pelvis, world directions); upright, centred in y.
 
     Returns the solution (9,), left arm and wrist angles, then x and z of the object, a `guess` for the next call; the
@@ -184,7 +186,7 @@ def _solve_arms(kin: _Kinematics, carried: CarriedObject, guess: NDArray | None)
         kin.update()
         palms = kin.palms("left")
         p_O = palms - np.array([v[7], 0.0, v[8]])
-        distance, normal = _shape_distance(carried, p_O)
+        distance, normal = surface_distance(carried, p_O)
         by_v = np.zeros((4, 3, 9))
         by_v[:, :, :7] = kin.point_jacobian(palms, kin.left_arm)
         by_v[:, 0, 7] = by_v[:, 2, 8] = -1.0
@@ -192,7 +194,8 @@ def _solve_arms(kin: _Kinematics, carried: CarriedObject, guess: NDArray | None)
         middle = np.array([30.0, 10.0])  # in the middle of the side
         centre, centre_by_v = p_O.mean(axis=0)[[0, 2]], by_v.mean(axis=0)[[0, 2]]
         rows = [touch * np.einsum("ni,niv->nv", normal, by_v), middle[:, None] * centre_by_v, np.diag(weight)]
-        return np.concatenate([gap, middle * centre, weight * (v - wish)]), np.concatenate(rows)
+        above = np.array([0.0, grasp_height_m])
+        return np.concatenate([gap, middle * (centre - above), weight * (v - wish)]), np.concatenate(rows)
 
     low, high = np.append(lower + 0.02, [x_front, z_low]), np.append(upper - 0.02, [x_front + 0.30, z_low + 0.5])
     if guess is None:  # stiff contact from afar follows a curved valley in small steps and may end in a bent-back wrist
@@ -202,7 +205,7 @@ def _solve_arms(kin: _Kinematics, carried: CarriedObject, guess: NDArray | None)
     residual(found, 400.0)
     object_pos = np.array([found[7], 0.0, found[8]])
     p_O = kin.palms("left") - object_pos
-    distance, normal = _shape_distance(carried, p_O)
+    distance, normal = surface_distance(carried, p_O)
     gap = np.abs(distance - kin.palm_radius)
     facing = normal.mean(axis=0)
     if facing[1] < 0.8 * np.linalg.norm(facing):  # at front, back, top or bottom: no grasp
@@ -270,7 +273,11 @@ def _static_torque(kin: _Kinematics, carried: CarriedObject, object_pos: NDArray
 
 
 def solve_carry(
-    carried: CarriedObject, posture: Posture | None = None, *, squeeze_n: float | None = None
+    carried: CarriedObject,
+    posture: Posture | None = None,
+    *,
+    squeeze_n: float | None = None,
+    grasp_height_m: float = 0.0,
 ) -> CarryState:
     """A carry state of the object in the posture.
 
@@ -278,6 +285,7 @@ def solve_carry(
         carried: box, cylinder (upright) or sphere.
         posture: of the pelvis; default upright with slightly bent knees.
         squeeze_n: normal force of each hand [N]; default 32 N plus 4 N per kg.
+        grasp_height_m: of the palms above the object's centre.
 
     Raises:
         CarryInfeasible: the object is too wide, too deep or too heavy for the arms, or the posture has no stance; says why.
@@ -295,7 +303,7 @@ def solve_carry(
     arms, gap = None, np.inf
     for _ in range(2):  # legs and arms see each other through the centre of mass and the thighs
         _solve_legs(kin, posture, carried, object_pos)
-        arms, object_pos, gap = _solve_arms(kin, carried, arms)
+        arms, object_pos, gap = _solve_arms(kin, carried, arms, grasp_height_m)
     if gap > MAX_GAP_M:
         width = 200.0 * carried.half_extents_m[1]
         raise CarryInfeasible(
