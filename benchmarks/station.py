@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hotice.files import write_text
-from hotice.model import g1
+from hotice.model import g1, load_scene
 from hotice.policies import PerceptModel
 from hotice.policies.guidance import read_fields
 from hotice.policies.observation import Carrying, observe
@@ -106,6 +106,29 @@ def speed(name: str, config: StationConfig, seconds: float, rounds: int) -> dict
     }  # fmt: skip
 
 
+def environment(seconds: float) -> float:
+    """Speed of the training environment with one robot and the same policy."""
+    import torch
+
+    from hotice.learn.policy import load_policy
+    from hotice.sim import TransportEnv
+
+    torch.set_num_threads(1)
+    config = StationConfig()
+    env = TransportEnv(1, [load_scene(config.scene)], config.carried, threads=1)
+    policy = load_policy(config.policy, threads=1)
+    obs, _ = env.reset()
+
+    def run(steps: int) -> None:
+        nonlocal obs
+        for _ in range(steps):
+            obs = env.step(policy.act(obs)).policy
+
+    run(10)
+    steps = round(seconds / env.config.control_dt_s)
+    return seconds / cpu_s(lambda: run(steps))[0]
+
+
 def pelvis(plant: str, config: StationConfig, seconds: float = 2.0) -> tuple[np.ndarray, float]:
     """Pelvis (T, 3) at 50 Hz of a station that stands with the box, and its speed."""
     station = make_station(config, plant=plant, controller="hold")
@@ -156,7 +179,9 @@ def main() -> None:
     console = Console(width=None if Console().is_terminal else 120)
     runs = {
         "policy, motor": StationConfig(), "policy, motor, beam": StationConfig(scene="beam"),
-        "policy, motor, 2 ms": StationConfig(physics_dt_s=0.002), "policy, pd": StationConfig(servo="pd"),
+        "policy, motor, 2 ms": StationConfig(physics_dt_s=0.002),
+        "policy, motor, 2 ms, elliptic": StationConfig(physics_dt_s=0.002, elliptic=True),
+        "policy, pd": StationConfig(servo="pd"),
     }  # fmt: skip
     report: dict[str, Any] = {"speed": [speed(name, c, args.seconds, args.rounds) for name, c in runs.items()]}
     table = Table(title=f"Plain MuJoCo and the station: {args.seconds:g} s, {args.rounds} rounds, CPU time")
@@ -168,6 +193,8 @@ def main() -> None:
             f"{r['share']:.2f}", mark(r["share"] >= SPEED_BAR), mark(r["bitwise"]),
         )  # fmt: skip
     console.print(table)
+    report["environment_x"] = environment(args.seconds)
+    console.print(f"the training environment with one robot: {report['environment_x']:.1f}×")
     report["plants"] = plants()
     table = Table(title="Two seconds of standing with the box")
     for column in ("servo", "pelvises apart", f"≤ {100 * PELVIS_BAR_M:g} cm", "MuJoCo", "Drake"):
@@ -182,7 +209,9 @@ def main() -> None:
         for column in ("controller", "simulated", "speed", f"≥ {REAL_TIME_BAR:g}×", "phase at the end"):
             table.add_column(column, justify="right")
         for r in report["controllers"]:
-            table.add_row(r["controller"], f"{r['seconds']:g} s", f"{r['x']:.1f}×", mark(r["x"] >= REAL_TIME_BAR), r["phase"])
+            table.add_row(
+                r["controller"], f"{r['seconds']:g} s", f"{r['x']:.1f}×", mark(r["x"] >= REAL_TIME_BAR), r["phase"]
+            )
         console.print(table)
     if args.json is not None:
         write_text(args.json, json.dumps(report, indent=1) + "\n")

@@ -1,5 +1,8 @@
 """Any controller of `hotice.control` as a Drake system."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false
+
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -1,5 +1,8 @@
 """The same robot, object and scene as a Drake MultibodyPlant, behind the ports of the MuJoCo plant."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false
+
 from __future__ import annotations
 
 from typing import Any

@@ -1,5 +1,8 @@
 """The guidance fields as the robot reads them: vectors at its keypoints and the command they make."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false
+
 from __future__ import annotations
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem

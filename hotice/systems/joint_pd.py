@@ -1,5 +1,8 @@
 """Joint servos: τ = kp (q* − q) − kd q̇, cut at the torque limit."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false
+
 from __future__ import annotations
 
 import numpy as np

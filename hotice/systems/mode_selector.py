@@ -1,5 +1,8 @@
 """Who commands: the pick-up until the object is held, then the carrying controller, without a jump in torque."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,5 +1,8 @@
 """The robot, its object and its scene in MuJoCo, as a Drake system."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false
+
 from __future__ import annotations
 
 import math

@@ -1,5 +1,8 @@
 """The carrying policy (both agents, one ONNX file) as a Drake system."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+
 from __future__ import annotations
 
 import math
@@ -24,8 +27,10 @@ ACTION, HELD, PHASE, SINCE = slice(0, 20), slice(20, 40), 40, 41
 
 
 class PolicySystem(LeafSystem):
-    """Acts every control period by a periodic *unrestricted* update, which Drake runs before the discrete updates of the
-    same instant: the plant's step that begins now feels the action made from the state now.
+    """Acts every control period.
+
+    By a periodic *unrestricted* update, which Drake runs before the discrete updates of the same instant: the plant's step
+    that begins now feels the action made from the state now.
 
     Inputs `percept` (119,), `guidance` (82,); `active` (1,), optional: while it is 0 the policy rests, its clock stands and
     the target is the carry state's. Outputs `joint_target` (20,) [rad], absolute; `action` (20,), unitless.

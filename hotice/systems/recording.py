@@ -1,5 +1,8 @@
 """What happened in a station: logs of every signal, a rollout record, pages and pictures to look at."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false
+
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -1,5 +1,8 @@
 """The last word before the motors: commands pass while they and the state make sense, else a safe posture is held."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false
+
 from __future__ import annotations
 
 import math
@@ -51,7 +54,10 @@ class SafetyLimits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SafePosture:
-    """Joint targets (20,) [rad] and static torques (20,) [N m] that hold; middle and half of the joint ranges (20,) [rad]; gains and limits."""
+    """Joint targets [rad] and static torques [N m] that hold; middle and half of the joint ranges [rad]; gains, limits.
+
+    All (20,), order `g1.ACTION_JOINTS`.
+    """
 
     target: Array
     torque: Array
@@ -68,8 +74,8 @@ class SafePosture:
         low, high = model.jnt_range[[model.joint(name).id for name in g1.ACTION_JOINTS]].T
         kp, kd = g1.gains()
         return cls(
-            target=carry.joint_target, torque=carry.torque, middle=0.5 * (low + high), half_range=0.5 * (high - low), kp=kp, kd=kd,
-            limit=torque_limits(),
+            target=carry.joint_target, torque=carry.torque, middle=0.5 * (low + high), half_range=0.5 * (high - low),
+            kp=kp, kd=kd, limit=torque_limits(),
         )  # fmt: skip
 
 
@@ -109,8 +115,9 @@ def safe_torque(state: Array, posture: SafePosture, fault: Fault) -> Array:
 
 
 class SafetyMonitor(LeafSystem):
-    """Inputs `robot_state` (84,), `command` (20,). Outputs `command` (20,), safe; `faults` (5,): control steps that began
-    with each `Fault` but NONE, and the present one.
+    """Inputs `robot_state` (84,), `command` (20,). Outputs `command` (20,), safe, and `faults` (5,).
+
+    `faults` holds how many control steps began with each `Fault` but NONE, and the present one.
 
     State and command are checked at the start of each control period, and a fault lasts at least as long as the period.
     In between every command is tested for finiteness, so that none that is not finite ever passes.

@@ -3,6 +3,9 @@
 The one-robot twin of `hotice.sim.sensing.Sensors`, with the state of its random numbers in the Context.
 """
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,8 @@
 """Shapes and poses of the project as Drake's."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false
+
 from __future__ import annotations
 
 import mujoco

@@ -1,5 +1,8 @@
 """From the state of either plant to the one robot state that everything else reads."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportIndexIssue=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -80,7 +83,7 @@ class DrakeStateAdaptor(LeafSystem):
     def __init__(self, size: int, index: Array, wrist_pos: Array) -> None:
         super().__init__()
         self._convert = drake_to_robot_state(index, wrist_pos)
-        self._joints = np.concatenate([index[7:27], index[40:60]])
+        self._joints = np.concatenate([index[7:27], index[40:60]]).astype(int)
         self._state = self.DeclareVectorInputPort("state", size)
         self.DeclareVectorOutputPort("robot_state", ROBOT_STATE, self._output_robot_state)
         self.DeclareVectorOutputPort("joint_state", len(self._joints), self._output_joint_state)
@@ -97,10 +100,10 @@ def drake_to_robot_state(index: Array, wrist_pos: Array) -> Callable[[Array], Ar
 
     Drake's free bodies have q = [quat wxyz, p_W] and v = [w_W, v_W]; here angular velocities are in the body.
     """
-    index = np.asarray(index, dtype=int)
+    places = np.asarray(index, dtype=int)
 
     def convert(state: Array) -> Array:
-        x = state[index]
+        x = state[places]
         quat_WP, p_WP, q, quat_WO, p_WO, w_WP, v_WP, qd, w_WO, v_WO = np.split(x, [4, 7, 27, 31, 34, 37, 40, 60, 63])
         quat_WP, quat_WO = _normalized(quat_WP), _normalized(quat_WO)
         parts = [p_WP, quat_WP, q, p_WO, quat_WO, v_WP, _in_body(quat_WP, w_WP), qd, v_WO, _in_body(quat_WO, w_WO)]

@@ -40,7 +40,7 @@ from hotice.systems.visualizer import Visualizer
 
 FINE_DT_S, CONTROLLED_DT_S = 0.002, 0.005
 """Physics step but where policies or controllers meet the plant that they were made with, and of the latter [s]."""
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 class Station(Diagram):
@@ -120,7 +120,8 @@ class Station(Diagram):
             )
             _add(builder, "visualizer", view)
             for name in ("robot_state", "percept", "guidance", "contact_force"):
-                connect(builder, *getattr(sensed, name), view, name)
+                source, port = getattr(sensed, name)
+                connect(builder, source, port, view, name)
 
 
 def make_station(

@@ -1,5 +1,8 @@
 """The controllers of a station: from what the robot perceives to the command of its motors."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -29,7 +32,7 @@ WALK_PHASES = ("shift", "swing", "double", "stand")
 SUPPORT = "support"
 TABLE_M = (0.40, 0.60)
 """Depth and width of the table's top."""
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Source = tuple[System, str]
 
 
@@ -115,7 +118,7 @@ def _add_walk(builder: DiagramBuilder, station: Station, sensed: Sensed) -> Syst
 def _add_pickup(builder: DiagramBuilder, station: Station, sensed: Sensed) -> System:
     from hotice.control.pickup import PHASES
 
-    pick = station.pick
+    pick = station.pick or plan_pick(station)
     system = ControllerSystem(pick.controller, PHASES, np.zeros(20), pick.origin)
     return _add_steps(builder, "pickup", system, sensed)
 

@@ -1,5 +1,8 @@
 """The two plants of a station and their adaptors: the same robot, object and scene in MuJoCo or in Drake."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any

@@ -1,5 +1,8 @@
 """The station in Meshcat: robot, object, obstacles, field arrows, footsteps and contact forces. Always optional."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+
 from __future__ import annotations
 
 from typing import Any

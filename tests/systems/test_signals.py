@@ -10,7 +10,10 @@ from hotice.systems.drake_plant import DrakePlant
 from hotice.systems.joint_pd import JointPd, pd_torque
 from hotice.systems.signals import JOINT_POS, JOINT_VEL, torque_limits
 from hotice.systems.state_adaptor import (
-    DrakeStateAdaptor, MujocoStateAdaptor, drake_to_robot_state, robot_state_of_mujoco,
+    DrakeStateAdaptor,
+    MujocoStateAdaptor,
+    drake_to_robot_state,
+    robot_state_of_mujoco,
 )  # fmt: skip
 
 

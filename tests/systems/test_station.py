@@ -8,7 +8,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from hotice.errors import (
-    CheckpointError, InvalidConfig, InvalidScene, InvalidStation, NotAvailable, OutputError, UnknownName,
+    CheckpointError,
+    InvalidConfig,
+    InvalidScene,
+    InvalidStation,
+    NotAvailable,
+    OutputError,
+    UnknownName,
 )  # fmt: skip
 from hotice.model import Obstacle, Scene
 from hotice.replay import RolloutRecord

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hotice.model import builder, g1
 from hotice.model.carry import CarryState
+from hotice.model.frames import quat_to_mat
 
 Array = NDArray[np.float64]
 SPACING_M = 0.06
@@ -64,7 +65,7 @@ def body_spheres(state: CarryState) -> BodySpheres:
         radii.append(np.full(len(points), radius))
     ankles = [data.body(f"{side}_ankle_roll_link").xpos[:2] for side in g1.SIDES]
     origin = np.append(np.mean(ankles, axis=0), 0.0)
-    load = _surface(state.carried.half_extents_m) + state.object_pos_W
+    load = _surface(state.carried.half_extents_m) @ quat_to_mat(state.quat_WO).T + state.object_pos_W
     return BodySpheres(np.concatenate(centres) - origin, np.concatenate(radii), load - origin, float(-origin[0]))
 
 

@@ -34,7 +34,7 @@ class WalkConfig:
     Raises `InvalidConfig` for values that no gait has.
     """
 
-    step_length_m: float = 0.25
+    step_length_m: float = 0.27
     """Usual advance from one foothold to the next."""
     longest_step_m: float = 0.48
     """Largest advance, over a ground obstacle."""
@@ -44,13 +44,13 @@ class WalkConfig:
     """Time of single support of a usual step."""
     foot_speed_m_s: float = 2.6
     """Fastest a foot travels; a step that would need more takes longer."""
-    careful_speed_m_s: float = 1.7
+    careful_speed_m_s: float = 1.9
     """The same over a ground obstacle: a leg that is swung fast turns the body."""
     lift_speed_m_s: float = 1.1
     """Fastest a foot rises or sinks."""
-    double_support_s: float = 0.07
+    double_support_s: float = 0.06
     """Time for which the load moves from one foot to the other."""
-    shift_s: float = 0.40
+    shift_s: float = 0.36
     """Time for which the load moves onto the first stance foot."""
     swing_height_m: float = 0.06
     """Height of the sole at the top of a usual step."""
@@ -58,7 +58,7 @@ class WalkConfig:
     """Added to the height that passes over a ground obstacle."""
     ground_margin_m: float = 0.025
     """Distance of soles to ground obstacles."""
-    body_margin_m: float = 0.07
+    body_margin_m: float = 0.10
     """Distance of body and load to other obstacles, where there is room."""
     head_margin_m: float = 0.05
     """Distance of head and load to what hangs over them."""
@@ -80,7 +80,7 @@ class WalkConfig:
     """Force on a swing foot that counts as its landing [N]."""
     height_speed_m_s: float = 0.20
     """Fastest change of the pelvis height."""
-    lean_speed_rad_s: float = 0.5
+    lean_speed_rad_s: float = 0.8
     """Fastest change of the lean."""
     weights: TaskWeights = TaskWeights()
     """Of the whole-body QP."""

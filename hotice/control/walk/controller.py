@@ -26,6 +26,7 @@ from hotice.control.walk.plan import WalkPlan
 from hotice.control.solvers import Guess
 from hotice.control.walk.swing import Swing
 from hotice.control.whole_body_qp import QpConfig, QpMemory, Targets, WholeBodyQp
+from hotice.model import g1
 from hotice.model.carry import CarryState
 from hotice.model.frames import quat_to_mat
 
@@ -265,9 +266,12 @@ class WalkController:
         station = self.plan.path.station_of(com[:2] if m.phase != STAND else middle)
         height, lean = self.plan.profile.at(station)
         dt = min(max(t - m.last_s, 0.0), 0.05)
-        before = m.height_m
+        before, lean_before = m.height_m, m.lean_rad
         m.height_m += np.clip(height - m.height_m, -cfg.height_speed_m_s * dt, cfg.height_speed_m_s * dt)
         m.lean_rad += np.clip(lean - m.lean_rad, -cfg.lean_speed_rad_s * dt, cfg.lean_speed_rad_s * dt)
+        arms_before, arms = self.plan.arms.at(lean_before), self.plan.arms.at(m.lean_rad)
+        g.joint_pos[g1.UPPER] = arms
+        g.joint_vel[g1.UPPER] = (arms - arms_before) / dt if dt > 0 else 0.0
         g.frame_pos[PELVIS, 2] = m.height_m
         g.frame_vel[PELVIS, 2] = (m.height_m - before) / dt if dt > 0 else 0.0
         yaw = self.plan.path.at(station)[1]

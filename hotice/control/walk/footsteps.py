@@ -24,7 +24,12 @@ GRID_M = 0.01
 MAX_SLACK_M = 0.40
 SLACK_MARGIN_M = 0.010
 """Distance of a sole to ground obstacles that step adjustment keeps."""
-_RISE, _LEAVE, _ARRIVE, _FALL = (0.45, 0.4, 0.35, 0.3), (0.0, 0.1, 0.15, 0.2, 0.25), (0.95, 0.85, 0.8, 0.75), (0.5, 0.6, 0.65, 0.7)
+_RISE, _LEAVE, _ARRIVE, _FALL = (
+    (0.45, 0.4, 0.35, 0.3),
+    (0.0, 0.1, 0.15, 0.2, 0.25),
+    (0.95, 0.85, 0.8, 0.75),
+    (0.5, 0.6, 0.65, 0.7),
+)
 LEFT, RIGHT = 0, 1
 SIDE = (1.0, -1.0)
 

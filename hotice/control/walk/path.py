@@ -20,8 +20,8 @@ PELVIS_HEIGHT_M = 0.75
 STREAM_STEP_M = 0.02
 NODE_M = 0.05
 STRAIGHT_M = 0.3  # from here the way leads straight to the goal
-SMOOTHING = 6.0
-ITERATIONS = 150
+SMOOTHING = 4.0
+ITERATIONS = 250
 
 
 @dataclass(frozen=True, eq=False)

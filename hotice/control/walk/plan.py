@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hotice.control.walk.body import body_spheres
+from hotice.control.walk.arms import ArmTable, level_arms
 from hotice.control.walk.config import WalkConfig
 from hotice.control.walk.footsteps import LEFT, Footstep, plan_footsteps
 from hotice.control.walk.ground import Ground
@@ -16,11 +16,13 @@ from hotice.model.carry import CarryState
 
 @dataclass(frozen=True, eq=False)
 class WalkPlan:
-    """path: of the middle between the ankles; footsteps: in order; profile: pelvis height and lean along the path."""
+    """path: of the middle between the ankles; footsteps: in order; profile: pelvis height and lean along the path; arms: angles
+    that keep the load level at a lean."""
 
     path: WalkPath
     footsteps: tuple[Footstep, ...]
     profile: PostureProfile
+    arms: ArmTable
 
 
 def plan_walk(
@@ -36,8 +38,8 @@ def plan_walk(
     Raises `UnreachableGoal` where no footholds lead to the goal.
     """
     config = config or WalkConfig()
-    spheres = body_spheres(state)
-    table = postures(state, spheres, config)
+    arms = level_arms(state)
+    table = postures(state, arms, config)
     path = plan_path(pf, start, table[0].body, margin_m=config.body_margin_m)
     steps = plan_footsteps(path, Ground(pf.scene, config.ground_margin_m), config, first_foot=first_foot)
-    return WalkPlan(path, tuple(steps), plan_profile(pf, path, table, config))
+    return WalkPlan(path, tuple(steps), plan_profile(pf, path, table, config), arms)

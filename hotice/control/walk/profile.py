@@ -7,26 +7,28 @@ margin besides. The profile then changes no faster along the way than the gait c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.walk.body import BodySpheres
+from hotice.control.walk.arms import ArmTable
+from hotice.control.walk.body import BodySpheres, body_spheres
 from hotice.control.walk.config import WalkConfig
 from hotice.control.walk.path import WalkPath
 from hotice.errors import CarryInfeasible
 from hotice.fields import HodPf
+from hotice.model import g1
 from hotice.model.carry import CarryState, Posture, solve_carry
+from hotice.model.frames import quat_from_axis_angle, quat_to_mat
 from hotice.model.scene import Obstacle
 
 Array = NDArray[np.float64]
-LEAN_PER_M = 1.6
-"""Lean [rad] per metre of crouching below `UPRIGHT_M`."""
-UPRIGHT_M = 0.66
-LOW_M = 0.50
-LEVEL_M = 0.02
-SLOPE = 0.30
+LEAN_PER_M, MOST_LEAN_RAD = 5.0, 0.55
+"""Lean [rad] per metre below the walking height, and its largest: the ankles bend less when the trunk leans."""
+LOW_M = 0.54
+LEVEL_M = 0.01
+SLOPE = 0.20
 """Steepest change of the pelvis height along the way [m/m]."""
 GAIN_M = 0.005
 """Crouching that wins less clearance than this is not worth it."""
@@ -57,40 +59,28 @@ class PostureProfile:
         return float(np.interp(station, self.station, self.height)), float(np.interp(station, self.station, self.lean))
 
 
-def lean_at(height_m: float) -> float:
+def lean_at(height_m: float, config: WalkConfig) -> float:
     """Lean of a posture of the table [rad]."""
-    return LEAN_PER_M * max(0.0, UPRIGHT_M - height_m)
+    return min(MOST_LEAN_RAD, LEAN_PER_M * max(0.0, config.pelvis_height_m - height_m))
 
 
-def postures(state: CarryState, spheres: BodySpheres, config: WalkConfig) -> list[WalkPosture]:
-    """From the walking height down to a crouch; arms keep their angles, so load and trunk move as one body.
-
-    Args:
-        state: the carry state that `spheres` belong to.
-    """
+def postures(state: CarryState, arms: ArmTable, config: WalkConfig) -> list[WalkPosture]:
+    """From the walking height down to a crouch, with the load held level."""
     table = []
     for height in np.arange(config.pelvis_height_m, LOW_M - 1e-9, -LEVEL_M):
-        lean = lean_at(float(height))
+        lean = lean_at(float(height), config)
         try:
             goal = solve_carry(state.carried, Posture(pelvis_height_m=float(height), lean_rad=lean))
         except CarryInfeasible:
             continue
-        table.append(WalkPosture(float(height), lean, _moved(spheres, state, goal)))
+        place, pitch = arms.object_at(lean)
+        held = replace(
+            goal, wrist_pos=state.wrist_pos, joint_pos=np.concatenate([goal.joint_pos[g1.LOWER], arms.at(lean)]),
+            object_pos_W=goal.root_pos_W + quat_to_mat(goal.quat_WP) @ place,
+            quat_WO=quat_from_axis_angle([0.0, 1.0, 0.0], np.asarray(lean + pitch)),
+        )  # fmt: skip
+        table.append(WalkPosture(float(height), lean, body_spheres(held)))
     return table
-
-
-def _moved(spheres: BodySpheres, state: CarryState, goal: CarryState) -> BodySpheres:
-    """Everything but the legs turned and shifted with the pelvis."""
-    angle = 2.0 * (np.arcsin(goal.quat_WP[2]) - np.arcsin(state.quat_WP[2]))
-    c, s = np.cos(angle), np.sin(angle)
-    R = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    centre = state.root_pos_W + [spheres.sole_ahead_m, 0.0, 0.0]
-    place = goal.root_pos_W + [spheres.sole_ahead_m, 0.0, 0.0]
-
-    def move(p: Array) -> Array:
-        return (p - centre) @ R.T + place
-
-    return BodySpheres(move(spheres.robot), spheres.radius, move(spheres.load), spheres.sole_ahead_m)
 
 
 def plan_profile(pf: HodPf, path: WalkPath, table: list[WalkPosture], config: WalkConfig) -> PostureProfile:
@@ -113,7 +103,7 @@ def plan_profile(pf: HodPf, path: WalkPath, table: list[WalkPosture], config: Wa
     height = np.array([p.height_m for p in table])[choice]
     drop = SLOPE * np.abs(station[:, None] - station)
     height = (height + drop).min(axis=1)
-    lean = np.array([lean_at(h) for h in height])
+    lean = np.array([lean_at(h, config) for h in height])
     best = clearance[choice, np.arange(len(station))]
     return PostureProfile(station, height, lean, float(best.min()))
 
