@@ -68,7 +68,7 @@ class PickPlan:
         crouch: pelvis ready for the grasp, arms drawn back; pregrasp: palms off the object; grasp: palms on it.
         retreat: (K, 27) from the grasp over the lifted object to the carry state.
         lift_knots: how many of them belong to the lift.
-        p_OH: (2, 3) palms in the object frame; p_HO: (2, 3) the object's centre in the hand frames; hand_point: (2, 3) where the hands press, in their frames [m].
+        p_OH: (2, 3) palms in the object frame; p_HO: (2, 3) the object's centre in the hand frames, moved to the palms; hand_point: (2, 3) where the hands press, in their frames [m].
         p_GO: (3,) where the object ends, in G as it is then; back_m: how far the robot steps back between lift and retreat.
     """
 
@@ -127,6 +127,7 @@ class Planner:
         hands = [(f, t.p_WF[f].copy(), t.R_WF[f].copy()) for f in (LEFT_HAND, RIGHT_HAND)]
         p_OH = np.array([pose.R_WO.T @ (p - pose.p_WO) for _, p, _ in hands])
         centre = np.array([R.T @ (pose.p_WO - p) for _, p, R in hands])
+        centre[:, 1] = PALM_M[:, 1]  # each hand carries its half of the load where it touches
 
         legs, arms = np.full(20, LEG_WEIGHT), np.full(20, ARM_WEIGHT)
         arms[g1.LOWER] = LEG_WEIGHT
