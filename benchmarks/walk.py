@@ -5,7 +5,7 @@
 Success as the project scores policies (paper, V-A): the root comes within 0.1 m of the goal before any fall, drop or collision
 of robot or object, exact geometry in every physics step; starts are spread by 3 cm and 0.1 rad, objects are the evaluator's.
 The baseline walks slower than the policies, so each trial goes on to the horizon and is scored twice: at 5 s, as the paper
-does, and at the horizon. State is exact, without noise, delays or pushes, unless --noise is given.
+does, and at the horizon. The state is exact: no noise, delays or pushes.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ import os
 import random
 import signal
 import time
+from pathlib import Path
 
 import pytest
 import torch
@@ -137,3 +138,28 @@ def test_a_pipeline_whose_machine_dies_ends_like_one_that_was_not_disturbed(proc
     torch.testing.assert_close(
         load_policy(policy.output).act(obs), torch_policy(tmp_path / "whole").act(obs), atol=1e-5, rtol=0
     )
+
+
+def test_the_processes_of_a_killed_evaluation_end_with_it(processes, onnx_file, tmp_path):
+    argv = ["evaluate", "--policy", str(onnx_file), "--scenes", "open_floor", "--objects", "1", "--threads", "2"]
+    argv += ["--rollouts", "5000", "--batch", "2", "--out", str(tmp_path / "r.json")]
+    process = processes.Process(target=main, args=(argv,))
+    process.start()
+    deadline = time.monotonic() + 300
+    while process.is_alive() and not list((tmp_path / "r.json.trials").glob("scene-*.json")):
+        assert time.monotonic() < deadline, "no progress"
+        time.sleep(0.05)
+    children = [int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+    assert process.exitcode == -signal.SIGKILL and len(children) >= 2
+    while left := [pid for pid in children if alive(pid)]:
+        assert time.monotonic() < deadline, f"{left} live on"
+        time.sleep(0.1)
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Any
 from hotice.control.walk.config import WalkConfig
 
 if TYPE_CHECKING:
-    from hotice.control.walk.controller import WalkController, WalkMemory
+    from hotice.control.walk.controller import WalkController
+    from hotice.control.walk.memory import WalkMemory
     from hotice.control.walk.plan import WalkPlan, plan_walk
 
-_LAZY = {"WalkController": "controller", "WalkMemory": "controller", "WalkPlan": "plan", "plan_walk": "plan"}
+_LAZY = {"WalkController": "controller", "WalkMemory": "memory", "WalkPlan": "plan", "plan_walk": "plan"}
 __all__ = ["WalkConfig", "WalkController", "WalkMemory", "WalkPlan", "plan_walk"]
 
 

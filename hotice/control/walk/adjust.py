@@ -69,7 +69,6 @@ class StepAdjuster:
     """The programme, set up once and solved every control step."""
 
     config: AdjustConfig = field(default_factory=AdjustConfig)
-    failures: int = 0
     _solver: Any = None
 
     def solve(
@@ -133,7 +132,6 @@ class StepAdjuster:
             self._solver.update(q=g, Px=entries, l=lower, u=upper)
         result = self._solver.solve(raise_error=False)
         if result.info.status != "solved" or not np.isfinite(result.x).all():
-            self.failures += 1
             self._solver = None
             return otherwise, False
         return np.clip(unit * np.asarray(result.x), unit * lower, unit * upper), True

@@ -8,8 +8,6 @@ the centre of mass, the swing foot, the pelvis and the grasp.
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,58 +19,17 @@ from hotice.control.walk.adjust import AdjustConfig, StepAdjuster
 from hotice.control.walk.config import WalkConfig
 from hotice.control.walk.dcm import GRAVITY, DcmReference
 from hotice.control.walk.footsteps import SIDE
-from hotice.control.walk.ground import SOLE_FRONT_M
+from hotice.control.walk.leg import toe_down
+from hotice.control.walk.memory import DOUBLE, SHIFT, STAND, SWING, WalkMemory
 from hotice.control.walk.plan import WalkPlan
-from hotice.control.solvers import Guess
 from hotice.control.walk.swing import Swing
-from hotice.control.whole_body_qp import QpConfig, QpMemory, Targets, WholeBodyQp
+from hotice.control.whole_body_qp import QpConfig, Targets, WholeBodyQp
 from hotice.model import g1
 from hotice.model.carry import CarryState
 from hotice.model.frames import quat_to_mat
 
 Array = NDArray[np.float64]
-SHIFT, SWING, DOUBLE, STAND = "shift", "swing", "double", "stand"
 SOLE_HEIGHT_M = 0.035
-THIGH_M, SHANK_M, ANKLE_HEIGHT_M = 0.307, 0.300, 0.018
-"""Lengths of the leg, and the ankle's pitch axis over the origin of the foot."""
-ANKLE_BEND_RAD = 0.78
-"""How far a lifted foot may be bent up; the joint ends at 0.873."""
-
-
-@dataclass(kw_only=True)
-class WalkMemory:
-    """What lasts from step to step.
-
-    Attributes:
-        phase: of `SHIFT`, `SWING`, `DOUBLE`, `STAND`; since_s: when it began; step: index of the next footstep to land.
-        feet: (2, 3) where the feet stand, x, y [m], yaw [rad]; zmp: (2,) last wished zero-moment point [m].
-        reference: DCM since the last landing; omega [1/s]. swing: of the foot in the air. landing: (2,) [m], lands_s: as
-            adjusted last. height_m, lean_rad: of the pelvis, as commanded last. qp: see `QpMemory`.
-    """
-
-    phase: str
-    since_s: float
-    last_s: float
-    step: int
-    feet: Array
-    zmp: Array
-    omega: float
-    reference: DcmReference
-    height_m: float
-    lean_rad: float
-    qp: QpMemory
-    swing: Swing | None = None
-    landing: Array = field(default_factory=lambda: np.zeros(2))
-    lands_s: float = 0.0
-    frozen: bool = False
-    faults: int = 0
-    trace: dict = field(default_factory=dict)
-
-    def copy(self) -> WalkMemory:
-        """Independent of this one: what a step writes in place is copied, what it replaces is shared."""
-        guess = Guess(x=self.qp.guess.x.copy(), y=self.qp.guess.y.copy(), z=self.qp.guess.z.copy())
-        qp = replace(self.qp, guess=guess, torque=self.qp.torque.copy(), joint_pos=self.qp.joint_pos.copy())
-        return replace(self, feet=self.feet.copy(), swing=copy.copy(self.swing), qp=qp)
 
 
 class WalkController:
@@ -89,7 +46,7 @@ class WalkController:
         qp: QpConfig | None = None, rate_hz: float = 200.0,
     ) -> None:  # fmt: skip
         self.plan, self.state, self.config, self.rate_hz = plan, state, config or WalkConfig(), rate_hz
-        self.qp = WholeBodyQp(state.wrist_pos, qp or QpConfig(limit_horizon_s=0.05, hand_weight=0.5))
+        self.qp = WholeBodyQp(state.wrist_pos, qp or QpConfig(limit_horizon_s=0.05))
         self.adjuster = StepAdjuster(adjust or AdjustConfig())
         self.load_kg = state.carried.mass_kg
         self.mass_kg = self.qp.terms.mass_kg + self.load_kg
@@ -139,9 +96,9 @@ class WalkController:
         self._advance(m, measurement, t)
         self._choose_zmp(m, dcm, t)
         self._write_targets(m, com, t)
-        torque = self.qp.solve(measurement, self._targets, self._contacts, m.qp)
+        torque = self.qp.solve(measurement, self._targets, self._contacts, m.qp, updated=True)
         m.last_s = t
-        m.trace = {"com": com, "dcm": dcm, "zmp": m.zmp}
+        m.com, m.dcm = com, dcm
         return Command(torque=torque.copy(), phase=m.phase, faults=m.qp.faults), m
 
     def _com(self, measurement: Measurement) -> tuple[Array, Array]:
@@ -196,7 +153,7 @@ class WalkController:
                 foot = m.feet[step.foot]
                 start = self.qp.terms.p_WF[LEFT_FOOT + step.foot]
                 m.swing = Swing(start, foot[2], step.swing, step.span_s)
-                m.landing, m.lands_s, m.frozen = step.xy, t + step.span_s, False
+                m.landing, m.lands_s = step.xy, t + step.span_s
         elif m.phase == SWING:
             step = self.plan.footsteps[m.step]
             force = measurement.foot_force_W
@@ -226,6 +183,7 @@ class WalkController:
             if not freeze:
                 m.landing, m.lands_s = found.foothold - ahead, t + max(found.remaining_s, cfg.freeze_s)
             m.zmp = found.zmp
+            m.unadjusted += not found.solved
             return
         reference, _, zmp = m.reference.at(t)
         m.zmp = self._inside(m, zmp + (1.0 + cfg.dcm_gain) * (dcm - reference))
@@ -239,25 +197,6 @@ class WalkController:
         across = np.array([-along[1], along[0]])
         s = np.clip((zmp - a) @ along, -0.015, length + 0.015)
         return a + s * along + np.clip((zmp - a) @ across, -0.045, 0.045) * across
-
-    def _toe_down(self, pose: Array, foot: int) -> tuple[float, float]:
-        """Pitch of a swing foot [rad] that its ankle can follow, and how much higher it must be for its toe [m].
-
-        A foot that is lifted far behind the hip would bend its ankle beyond its range if it stayed level.
-        """
-        terms, lift = self.qp.terms, 0.0
-        hip = terms.p_WF[PELVIS] + terms.R_WF[PELVIS] @ np.array([0.0, SIDE[foot] * 0.117, -0.133])
-        c, s = np.cos(pose[3]), np.sin(pose[3])
-        ahead = c * (pose[0] - hip[0]) + s * (pose[1] - hip[1])
-        pitch = 0.0
-        for _ in range(3):
-            below = hip[2] - (pose[2] + lift + ANKLE_HEIGHT_M)
-            length = min(float(np.hypot(ahead, below)), THIGH_M + SHANK_M - 1e-3)
-            knee = np.arccos(np.clip((length**2 + SHANK_M**2 - THIGH_M**2) / (2 * length * SHANK_M), -1.0, 1.0))
-            shank = knee - np.arctan2(ahead, below)  # lean of the shank, forward
-            pitch = float(np.clip(shank - ANKLE_BEND_RAD, 0.0, 0.8))
-            lift = SOLE_FRONT_M * np.sin(pitch)
-        return pitch, lift
 
     def _write_targets(self, m: WalkMemory, com: Array, t: float) -> None:
         cfg, g, k, terms = self.config, self._targets, self._contacts, self.qp.terms
@@ -291,7 +230,7 @@ class WalkController:
             foot = LEFT_FOOT + step.foot
             landing = np.array([*m.landing, SOLE_HEIGHT_M])
             pose, speed, accel = m.swing.step(t - m.since_s, landing, step.yaw, m.lands_s - t)
-            pitch, rise = self._toe_down(pose, step.foot)
+            pitch, rise = toe_down(terms.p_WF[PELVIS], terms.R_WF[PELVIS], SIDE[step.foot], pose)
             pitch_rate, rise_rate = m.swing.tilt(pitch, rise, dt)
             c, s = np.cos(pose[3]), np.sin(pose[3])
             g.frame_pos[foot] = [pose[0], pose[1], pose[2] + rise]
