@@ -294,7 +294,9 @@ class Planner:
 
     def _pulled(self, guess: Array, holds: _Holds, at: ObjectPose) -> Array:
         """The robot near `guess`, with its hands as far apart and turned as at the grasp; the object may be ahead of `at`."""
-        weight = np.full(20, 0.3)
+        weight = np.tile(
+            [3.0, 0.3, 0.3, 3.0], 5
+        )  # shoulder pitch and elbow lead, or the arms would jump from one branch to another
         weight[g1.LOWER] = LEG_WEIGHT
         R = at.R_WO @ holds.grasped.R_WO.T
         pelvis = _rpy(self.terms._pin, guess[3:7])
@@ -309,7 +311,7 @@ class Planner:
                 (200.0 * (t.p_WF[left] - t.p_WF[right] - apart), 200.0 * (t.J_WF[left, :3] - t.J_WF[right, :3]))
             )
             mean, J = 0.5 * (t.p_WF[left] + t.p_WF[right]), 0.5 * (t.J_WF[left, :3] + t.J_WF[right, :3])
-            soft = np.array([2.0, 60.0, 10.0])
+            soft = np.array([1.0, 60.0, 3.0])
             found.append((soft * (mean - middle), soft[:, None] * J))
             if not self.steps_back:
                 found.append(hinge(mean[2:] - lowest, J[2:], 60.0))
