@@ -68,7 +68,8 @@ class PickPlan:
         crouch: pelvis ready for the grasp, arms drawn back; pregrasp: palms off the object; grasp: palms on it.
         retreat: (K, 27) from the grasp over the lifted object to the carry state.
         lift_knots: how many of them belong to the lift.
-        p_OH: (2, 3) palms in the object frame; p_HO: (2, 3) the object's centre in the hand frames, moved to the palms; hand_point: (2, 3) where the hands press, in their frames [m].
+        p_OH: (2, 3) palms in the object frame [m]. p_HO: (2, 3) the object's centre in the hand frames, moved to the palms.
+        hand_point: (2, 3) where the hands press, in their frames [m].
         p_GO: (3,) where the object ends, in G as it is then; back_m: how far the robot steps back between lift and retreat.
     """
 
@@ -245,8 +246,8 @@ class Planner:
         if gap > MAX_GAP_M or off > MAX_OFF_M or slip > 0.01:
             x, y, z = pose.p_WO
             raise PickInfeasible(
-                f"{carried.shape} at x {x:.2f}, y {y:.2f}, z {z:.2f} m from the feet, turned {np.degrees(yaw):.0f} deg, cannot be "
-                f"grasped standing: the palms miss its sides by {1e3 * gap:.0f} mm and their places by {1e3 * off:.0f} mm; stand "
+                f"{carried.shape} at x {x:.2f}, y {y:.2f}, z {z:.2f} m from the feet, turned {np.degrees(yaw):.0f} deg, "
+                f"cannot be grasped standing: the palms miss its sides by {1e3 * gap:.0f} mm and their places by {1e3 * off:.0f} mm; stand "
                 "nearer and face it"
             )
         return best
