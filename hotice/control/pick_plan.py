@@ -68,7 +68,8 @@ class PickPlan:
         crouch: pelvis ready for the grasp, arms drawn back; pregrasp: palms off the object; grasp: palms on it.
         retreat: (K, 27) from the grasp over the lifted object to the carry state.
         lift_knots: how many of them belong to the lift.
-        p_OH: (2, 3) palms in the object frame; p_HO: (2, 3) the object's centre in the hand frames, moved to the palms; hand_point: (2, 3) where the hands press, in their frames [m].
+        p_OH: (2, 3) palms in the object frame [m]. p_HO: (2, 3) the object's centre in the hand frames, moved to the palms.
+        hand_point: (2, 3) where the hands press, in their frames [m].
         p_GO: (3,) where the object ends, in G as it is then; back_m: how far the robot steps back between lift and retreat.
     """
 
@@ -245,8 +246,8 @@ class Planner:
         if gap > MAX_GAP_M or off > MAX_OFF_M or slip > 0.01:
             x, y, z = pose.p_WO
             raise PickInfeasible(
-                f"{carried.shape} at x {x:.2f}, y {y:.2f}, z {z:.2f} m from the feet, turned {np.degrees(yaw):.0f} deg, cannot be "
-                f"grasped standing: the palms miss its sides by {1e3 * gap:.0f} mm and their places by {1e3 * off:.0f} mm; stand "
+                f"{carried.shape} at x {x:.2f}, y {y:.2f}, z {z:.2f} m from the feet, turned {np.degrees(yaw):.0f} deg, "
+                f"cannot be grasped standing: the palms miss its sides by {1e3 * gap:.0f} mm and their places by {1e3 * off:.0f} mm; stand "
                 "nearer and face it"
             )
         return best
@@ -294,7 +295,9 @@ class Planner:
 
     def _pulled(self, guess: Array, holds: _Holds, at: ObjectPose) -> Array:
         """The robot near `guess`, with its hands as far apart and turned as at the grasp; the object may be ahead of `at`."""
-        weight = np.full(20, 0.3)
+        weight = np.tile(
+            [3.0, 0.3, 0.3, 3.0], 5
+        )  # shoulder pitch and elbow lead, or the arms would jump from one branch to another
         weight[g1.LOWER] = LEG_WEIGHT
         R = at.R_WO @ holds.grasped.R_WO.T
         pelvis = _rpy(self.terms._pin, guess[3:7])
@@ -309,7 +312,7 @@ class Planner:
                 (200.0 * (t.p_WF[left] - t.p_WF[right] - apart), 200.0 * (t.J_WF[left, :3] - t.J_WF[right, :3]))
             )
             mean, J = 0.5 * (t.p_WF[left] + t.p_WF[right]), 0.5 * (t.J_WF[left, :3] + t.J_WF[right, :3])
-            soft = np.array([2.0, 60.0, 10.0])
+            soft = np.array([1.0, 60.0, 3.0])
             found.append((soft * (mean - middle), soft[:, None] * J))
             if not self.steps_back:
                 found.append(hinge(mean[2:] - lowest, J[2:], 60.0))

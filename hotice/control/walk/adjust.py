@@ -73,7 +73,8 @@ class StepAdjuster:
 
     def solve(
         self, dcm: Array, stance: Array, stance_yaw: float, foothold: Array, offset: Array, remaining_s: float,
-        omega: float, side: float, *, shift_s: tuple[float, float] = (-0.1, 0.1), slack_m: tuple[float, float] = (np.inf, np.inf), freeze: bool = False,
+        omega: float, side: float, *, shift_s: tuple[float, float] = (-0.1, 0.1),
+        slack_m: tuple[float, float, float] = (np.inf, np.inf, np.inf), freeze: bool = False,
     ) -> Adjustment:  # fmt: skip
         """Best landing for a measured DCM.
 
@@ -81,8 +82,8 @@ class StepAdjuster:
             dcm: (2,) measured [m]. stance: (2,) middle of the stance sole [m], stance_yaw [rad].
             foothold: (2,) planned landing [m]; offset: (2,) planned DCM minus foothold at landing [m].
             remaining_s: planned time to landing [s]. omega: [1/s]. side: +1 when the left foot swings, else -1.
-            shift_s: by how much the landing may come earlier and later [s]. slack_m: by how much it may be moved back
-                and ahead [m]. freeze: keep foothold and time.
+            shift_s: by how much the landing may come earlier and later [s]. slack_m: by how much it may be moved back,
+                ahead and away from the stance foot [m]. freeze: keep foothold and time.
         """
         c, s = np.cos(stance_yaw), np.sin(stance_yaw)
         R = np.array([[c, -s], [s, c]])
@@ -96,6 +97,10 @@ class StepAdjuster:
         low = np.array([cfg.forward_m[0], near if side > 0 else -far])
         high = np.array([cfg.forward_m[1], far if side > 0 else -near])
         low[0], high[0] = max(low[0], p[0] - slack_m[0]), min(high[0], p[0] + slack_m[1])
+        if side > 0:
+            high[1] = min(high[1], p[1] + slack_m[2])
+        else:
+            low[1] = max(low[1], p[1] - slack_m[2])
         low, high = np.minimum(low, p), np.maximum(high, p)  # the plan itself is always allowed
         t_low, t_high = np.exp(omega * shift_s[0]), np.exp(omega * shift_s[1])
         if freeze:

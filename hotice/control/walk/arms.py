@@ -28,8 +28,12 @@ _LEFT_QPOS = slice(12, 16)
 
 @dataclass(frozen=True, eq=False)
 class ArmTable:
-    """Arm angles that keep the load level: lean_rad (L,) ascending, joint_pos (L, 8), p_PO (L, 3) object in trunk axes [m],
-    pitch_rad (L,) of the object against the trunk."""
+    """Arm angles that keep the load level.
+
+    Attributes:
+        lean_rad: (L,) ascending. joint_pos: (L, 8) order `g1.ARM_JOINTS` [rad].
+        p_PO: (L, 3) object's centre in the pelvis frame [m]. pitch_rad: (L,) of the object against the trunk.
+    """
 
     lean_rad: Array
     joint_pos: Array

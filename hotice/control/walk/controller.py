@@ -8,7 +8,6 @@ the centre of mass, the swing foot, the pelvis and the grasp.
 
 from __future__ import annotations
 
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -178,7 +177,8 @@ class WalkController:
             found = self.adjuster.solve(
                 dcm, self._middle(stance), float(stance[2]), target + ahead, offset,
                 max(left if freeze else planned, 1e-3), m.omega, SIDE[step.foot],
-                shift_s=(-min(step.hurry_s(cfg), max(planned - cfg.freeze_s, 0.0)), cfg.wait_s), slack_m=step.slack_m, freeze=freeze,
+                shift_s=(-min(step.hurry_s(cfg), max(planned - cfg.freeze_s, 0.0)), cfg.wait_s),
+                slack_m=step.slack_m, freeze=freeze,
             )  # fmt: skip
             if not freeze:
                 m.landing, m.lands_s = found.foothold - ahead, t + max(found.remaining_s, cfg.freeze_s)

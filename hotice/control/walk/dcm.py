@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 def natural_frequency(com_height_m: float) -> float:
-    """omega = sqrt(g / height of the centre of mass over the soles) [1/s]."""
+    """Omega = sqrt(g / height of the centre of mass over the soles) [1/s]."""
     if not com_height_m > 0.0:
         raise InvalidConfig(f"com_height_m is {com_height_m!r}: a height above 0 is needed")
     return float(np.sqrt(GRAVITY / com_height_m))

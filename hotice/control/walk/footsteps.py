@@ -36,9 +36,13 @@ SIDE = (1.0, -1.0)
 
 @dataclass(frozen=True)
 class Footstep:
-    """Where a foot lands: foot (0 left, 1 right), ankle position x, y [m], yaw [rad], station of the way [m], the time of
-    single support before the landing, span_s, and of the landing since the start, time_s [s]; swing: over what lies between;
-    slack_m: how far back and ahead the foothold may be moved."""
+    """Where and when a foot lands, and how it gets there.
+
+    Attributes:
+        foot: 0 left, 1 right. x, y: of the ankle [m]. yaw: [rad]. station: of the way [m].
+        span_s: single support before the landing. time_s: of the landing since the start.
+        swing: over what lies between. slack_m: how far back, ahead and away from the other foot the foothold may be moved.
+    """
 
     foot: int
     x: float
@@ -48,7 +52,7 @@ class Footstep:
     span_s: float
     time_s: float
     swing: SwingShape
-    slack_m: tuple[float, float]
+    slack_m: tuple[float, float, float]
 
     def hurry_s(self, config: WalkConfig) -> float:
         """By how much the landing may come earlier: hardly, where the foot has to pass over something [s]."""
@@ -96,7 +100,7 @@ def plan_footsteps(
     for foot, k in [*chain, (1 - chain[-1][0], count - 1)]:
         xy, yaw = foot_place(path, stations[k], foot, config.half_width_m)
         swing, span = plan_swing(ground, place[foot], xy, float(yaw), config)
-        slack = free_slack(near, xy, float(yaw))
+        slack = free_slack(near, xy, float(yaw), SIDE[foot])
         time_s += span
         steps.append(
             Footstep(foot, float(xy[0]), float(xy[1]), float(yaw), float(stations[k]), span, time_s, swing, slack)
@@ -162,7 +166,7 @@ def plan_swing(ground: Ground, start: Array, end: Array, yaw: float, config: Wal
         return usual, config.swing_time(distance, usual)
     heights, travels = _swing_table()
     below = np.interp(travels, share, needed)
-    passes = (apex * heights >= below - 1e-9).all(axis=1)
+    passes = np.all(apex * heights >= below - 1e-9, axis=1).tolist()
     shapes = [replace(shape, apex_m=apex) for shape, good in zip(_shapes(), passes, strict=True) if good]
     shapes = shapes or [SwingShape(apex_m=apex, rise=0.3, leave=0.3, arrive=0.7, fall=0.7)]
     spans = [config.swing_time(distance, shape) for shape in shapes]
@@ -185,12 +189,15 @@ def _swing_table() -> tuple[Array, Array]:
     return heights, np.array([[shape.travel(v) for v in u] for shape in _shapes()])
 
 
-def free_slack(ground: Ground, xy: Array, yaw: float) -> tuple[float, float]:
-    """How far a foothold may move back and ahead before its sole touches something, at most `MAX_SLACK_M` [m]."""
-    along = np.array([np.cos(yaw), np.sin(yaw)])
+def free_slack(ground: Ground, xy: Array, yaw: float, side: float) -> tuple[float, float, float]:
+    """How far a foothold may move before its sole touches something, at most `MAX_SLACK_M` [m].
+
+    Back, ahead, and away from the other foot: to the left where `side` is +1, else to the right.
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
     offsets = np.arange(GRID_M, MAX_SLACK_M + 1e-9, GRID_M)
     ways = []
-    for sign in (-1.0, 1.0):
-        blocked = ground.sole_height(xy + sign * offsets[:, None] * along, yaw) > 0.0
+    for direction in ((-c, -s), (c, s), (-side * s, side * c)):
+        blocked = np.asarray(ground.sole_height(xy + offsets[:, None] * np.array(direction), yaw) > 0.0)
         ways.append(float(offsets[blocked.argmax()] - GRID_M) if blocked.any() else MAX_SLACK_M)
-    return ways[0], ways[1]
+    return ways[0], ways[1], ways[2]

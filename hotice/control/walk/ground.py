@@ -43,6 +43,6 @@ class Ground:
         p = np.stack([np.broadcast_to(x, shape), np.broadcast_to(y, shape),
                       np.broadcast_to(LEVELS_M[:, None, None], shape)], axis=-1)  # fmt: skip
         free = (self.scene.signed_distance(p.reshape(-1, 3)).reshape(shape) >= self.margin_m).all(axis=2)
-        blocked = ~free
+        blocked = np.logical_not(free)
         highest = np.where(blocked.any(axis=0), len(LEVELS_M) - np.argmax(blocked[::-1], axis=0), 0)
         return np.where(highest > 0, LEVELS_M[np.minimum(highest, len(LEVELS_M)) - 1] + 0.01, 0.0)

@@ -16,8 +16,12 @@ from hotice.model.carry import CarryState
 
 @dataclass(frozen=True, eq=False)
 class WalkPlan:
-    """path: of the middle between the ankles; footsteps: in order; profile: pelvis height and lean along the path; arms: angles
-    that keep the load level at a lean."""
+    """What the controller follows.
+
+    Attributes:
+        path: of the middle between the ankles. footsteps: in order. profile: pelvis height and lean along the path.
+        arms: angles that keep the load level at a lean.
+    """
 
     path: WalkPath
     footsteps: tuple[Footstep, ...]
