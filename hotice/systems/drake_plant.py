@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import (
     AddContactMaterial,
+    Box,
     CollisionFilterDeclaration,
     GeometryId,
     GeometrySet,
-    HalfSpace,
     ProximityProperties,
     Role,
     RoleAssign,
@@ -45,6 +45,8 @@ from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, TOUCHING_BODIES
 Array = NDArray[np.float64]
 STIFFNESS_N_M, DISSIPATION_S_M = 5e4, 10.0
 """Of each contact point: a standing robot sinks in by less than 1 mm."""
+FLOOR_M = (100.0, 100.0, 1.0)
+"""A box: Drake warns of half spaces."""
 FRICTION = {"object": 2.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "trunk": 2.0 / 3.0, "robot": 1.0}
 """Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palm and object 2, sole and floor 1, trunk and object 1."""
 
@@ -79,7 +81,8 @@ class DrakePlant(Diagram):
         (robot,) = models.add_to_plant(plant, 20, wrist_pos)
         groups = _robot_geometry(plant, scene_graph)
         groups["object"] = [_add_object(plant, carried)]
-        groups["floor"] = [_add_fixed(plant, RigidTransform(), HalfSpace(), "floor", "floor")]
+        floor = RigidTransform([0.0, 0.0, -0.5 * FLOOR_M[2]])
+        groups["floor"] = [_add_fixed(plant, floor, Box(*FLOOR_M), "floor", "floor")]
         groups["obstacle"] = [
             _add_fixed(plant, pose(o.position_m, o.quaternion_wxyz), _shape(o), o.name, "obstacle")
             for o in scene.obstacles
