@@ -71,19 +71,31 @@ def to_record(station: Station, context: Context, outcome: str | None = None) ->
     model = models.build_model(station.carry.carried, joints=29, floor=False)
     percepts = [Percept(row) for row in logs["sensor_model.percept"].value]
     readings = [FieldReading(row) for row in logs["guidance_field.guidance"].value]
+    qpos = state.value[:, :NQ]
+    if station.pick is not None:
+        qpos = qpos[_carried_from(logs["pickup.phase"], len(qpos)) :]
     return RolloutRecord.from_states(
         model, state.value[:, :NQ], scene=station.scene, carried=station.carry.carried, time_s=state.time_s,
-        outcome=outcome or judge(station, state.value[:, :NQ]), policy=station.controller_name,
+        outcome=outcome or judge(station, qpos), policy=station.controller_name,
         arrow_pos_W=np.stack([np.concatenate([p.p_WK, p.p_WOK]) for p in percepts]),
         arrow_force_W=np.stack([r.force_W for r in readings]),
         arrow_is_ogf=np.arange(len(readings[0].force_W)) >= NUM_SGF,
     )  # fmt: skip
 
 
+def _carried_from(phase: SignalLog, rows: int) -> int:
+    """First row at which a pick-up holds the object in the carry state; `rows` when it never does."""
+    from hotice.control.pickup import PHASES
+
+    held = np.flatnonzero(phase.value[:, 0] == PHASES.index("hold"))
+    return int(held[0]) if len(held) else rows
+
+
 def judge(station: Station, qpos: Array) -> str:
     """How a rollout of states (T, 43) ended, exact geometry: the first of collision, fall, drop and success that happens.
 
-    Conditions are the task's (`hotice.sim.terminations`); collisions are looked for at the states given.
+    Conditions are the task's (`hotice.sim.terminations`); collisions are looked for at the states given. A pick-up is judged
+    from where it holds the object; one that never does has run out of time.
     """
     import mujoco
 
