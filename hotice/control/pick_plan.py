@@ -192,7 +192,11 @@ class Planner:
         weight[g1.LOWER] = LEG_WEIGHT
         place = np.array(
             [
-                [min(-self.grip_m, PALM_REACH_M - half[0]), s * (half[1] + PALM_RADIUS_M), self.above_m]
+                [
+                    min(-self.grip_m, PALM_REACH_M - half[0]) if self.grip_m else 0.0,
+                    s * (half[1] + PALM_RADIUS_M),
+                    self.above_m,
+                ]
                 for s in (1.0, -1.0)
             ]
         )
@@ -205,6 +209,7 @@ class Planner:
                 return [
                     *self._stand(p, feet, 0.0, pose.p_WO),
                     *([self._low(p)] if self.steps_back else []),
+                    *([] if carried.shape == "box" else [_upright(p)]),
                     _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
                     p.palms(carried, pose, self.toe_m, stiff),
                     p.hand_places(pose, place, np.eye(3), 15.0),
@@ -333,6 +338,11 @@ class _Holds:
     hands: list
     grasped: ObjectPose
     p_OH: Array
+
+
+def _upright(p: Pose) -> Rows:
+    """The pelvis is rather at 0.7 m than in a deep squat, which round objects would allow."""
+    return 3.0 * (p.terms.p_WF[PELVIS, 2:3] - 0.7), 3.0 * p.terms.J_WF[PELVIS, 2:3]
 
 
 def _inside(com: Array, J: Array) -> Rows:

@@ -30,6 +30,7 @@ HANDS = slice(LEFT_HAND, RIGHT_HAND + 1)
 FEET = slice(LEFT_FOOT, RIGHT_FOOT + 1)
 STANDING_N = 400.0
 TURN_N_M, TURN_NS_M = 1500.0, 60.0
+ROLL_NM, ROLL_NMS = 40.0, 1.0
 LANDED_N, SEARCH_M = 10.0, 0.01  # a foot that should stand but feels less goes on downwards
 PHASES = ("settle", "crouch", "reach", "close", "squeeze", "lift", "back", "retreat", "hold", "open", "stand", "abort")
 
@@ -356,6 +357,11 @@ class Pickup:
             for hand, R in enumerate(self._qp.terms.R_WF[HANDS]):
                 ahead = R @ (memory.plan.p_HO[hand] - memory.plan.hand_point[hand])
                 k.hand_moment_W[hand, 1] = ahead[0] * weight
+                if self.carried.shape != "box":  # flat sides turn the palms, round ones let them roll
+                    E = ref.R_WF[LEFT_HAND + hand] @ R.T
+                    off = 0.5 * np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
+                    spin = ref.v_WF[LEFT_HAND + hand, 3:] - true.v_WF[LEFT_HAND + hand, 3:]
+                    k.hand_moment_W[hand] -= memory.load_share * (ROLL_NM * off + ROLL_NMS * spin)
 
 
 def _configuration(m: Measurement, fallback: Array) -> Array:

@@ -99,7 +99,7 @@ class ProxQp:
 class Osqp:
     """Operator splitting on sparse matrices of a fixed pattern (OSQP)."""
 
-    def __init__(self, problem: Problem, *, tolerance: float = 1e-4, max_iterations: int = 4000) -> None:
+    def __init__(self, problem: Problem, *, tolerance: float = 1e-6, max_iterations: int = 8000) -> None:
         import osqp
         import scipy.sparse as sp
 
