@@ -34,9 +34,9 @@ class ObjectPose:
     R_WO: Array
 
     @classmethod
-    def of(cls, p_WO: Array, quat_WO: Array) -> ObjectPose:
+    def of(cls, p_WO: ArrayLike, quat_WO: ArrayLike) -> ObjectPose:
         """From a quaternion wxyz."""
-        return cls(p_WO=np.array(p_WO, dtype=float), R_WO=quat_to_mat(quat_WO))
+        return cls(p_WO=np.array(p_WO, dtype=float), R_WO=np.asarray(quat_to_mat(quat_WO), dtype=np.float64))
 
 
 class Pose:

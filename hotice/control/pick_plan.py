@@ -252,8 +252,8 @@ class Planner:
             x, y, z = pose.p_WO
             raise PickInfeasible(
                 f"{carried.shape} at x {x:.2f}, y {y:.2f}, z {z:.2f} m from the feet, turned {np.degrees(yaw):.0f} deg, "
-                f"cannot be grasped standing: the palms miss its sides by {1e3 * gap:.0f} mm and their places by {1e3 * off:.0f} mm; stand "
-                "nearer and face it"
+                f"cannot be grasped standing: the palms miss its sides by {1e3 * gap:.0f} mm and their places by "
+                f"{1e3 * off:.0f} mm; stand nearer and face it"
             )
         return best
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,7 +170,9 @@ class Pickup:
     # what comes next
 
     def _advance(self, memory: PickupMemory, m: Measurement) -> None:
-        c, elapsed, plan = self.config, m.time_s - memory.since_s, memory.plan
+        c, elapsed = self.config, m.time_s - memory.since_s
+        plan: Any = memory.plan  # there from `crouch` on, as the course of the steps is in `back`
+        stepping: Any = memory.stepping
         before = memory.reference
         self._com_acc = np.zeros(3)
         if memory.phase == "settle":
@@ -219,15 +222,15 @@ class Pickup:
                 else:
                     self._enter(memory, m, "retreat")
         elif memory.phase == "back":
-            shift, self._com_acc[:2] = memory.stepping.shift(elapsed)
-            swing, landing, self._feet, self._feet_rate = memory.stepping.feet_at(elapsed)
+            shift, self._com_acc[:2] = stepping.shift(elapsed)
+            swing, landing, self._feet, self._feet_rate = stepping.feet_at(elapsed)
             memory.air[:] = np.arange(2) == swing
             if landing >= 0 and m.foot_force_W is not None and np.linalg.norm(m.foot_force_W[landing]) < LANDED_N:
                 self._feet[landing, 2] -= SEARCH_M
                 memory.air[landing] = True
             memory.reference = memory.came_from.copy()
             memory.reference[:2] += shift
-            if elapsed >= memory.stepping.seconds:
+            if elapsed >= stepping.seconds:
                 memory.shift_m, memory.air[:] = -plan.back_m, False
                 self._enter(memory, m, "retreat")
         elif memory.phase == "retreat":
@@ -257,7 +260,7 @@ class Pickup:
 
     def _plan(self, memory: PickupMemory, m: Measurement) -> None:
         try:
-            if m.p_WO is None:
+            if m.p_WO is None or m.quat_WO is None:
                 raise PickInfeasible("the object is not seen")
             self._check(m.p_WO, m.quat_WO)
             memory.plan = self.planner.plan(memory.start, m.p_WO, m.quat_WO)
@@ -278,7 +281,8 @@ class Pickup:
             memory.lost_since_s = m.time_s
         elif m.time_s - memory.lost_since_s > self.config.lost_s:
             memory.failure = f"lost the object in {memory.phase}"
-            memory.plan = replace(memory.plan, pregrasp=memory.reference, crouch=memory.reference)
+            plan: Any = memory.plan
+            memory.plan = replace(plan, pregrasp=memory.reference, crouch=memory.reference)
             self._enter(memory, m, "open", memory.failure)
 
     def _feels(self, m: Measurement, least_n: float) -> bool:
