@@ -205,14 +205,14 @@ class Pickup:
             memory.load_share = max(2.0 * share - 1.0, 0.0)
             if elapsed >= c.squeeze_s:
                 if self._feels(m, 0.4 * self.squeeze_n):
-                    memory.object_z_m = float(m.p_WO[2])
+                    memory.object_z_m = self._object_z(m)
                     self._enter(memory, m, "lift")
                 else:
                     self._missed(memory, m, "hands could not squeeze")
         elif memory.phase == "lift":
             memory.load_share = 1.0
             memory.reference = self._along(plan.retreat[: plan.lift_knots + 1], elapsed / c.lift_s)
-            risen, planned = float(m.p_WO[2]) - memory.object_z_m, self.planner.rise_m
+            risen, planned = self._object_z(m) - memory.object_z_m, self.planner.rise_m
             if elapsed >= c.lift_s:
                 if risen < c.risen_share * planned:
                     self._missed(memory, m, f"object rose {100 * risen:.0f} of {100 * planned:.0f} cm")
@@ -253,6 +253,12 @@ class Pickup:
         if memory.phase in ("lift", "back", "retreat", "hold"):
             self._watch(memory, m)
         self._rate = self._qp.terms._pin.difference(self._ref.model, before, memory.reference) * c.rate_hz
+
+    def _object_z(self, m: Measurement) -> float:
+        """Height of the object [m]; where it is not seen, that between the hands."""
+        if m.p_WO is None:
+            return float(self._qp.terms.p_WF[HANDS, 2].mean()) - self.planner.above_m
+        return float(m.p_WO[2])
 
     def _enter(self, memory: PickupMemory, m: Measurement, phase: str, note: str = "") -> None:
         memory.phase, memory.since_s, memory.came_from, memory.lost_since_s = phase, m.time_s, memory.reference, None
