@@ -59,8 +59,8 @@ format: $(VENV)/.dev ## Mend style and layout
 type: $(VENV)/.dev ## Check types
 	$(BIN)/pyright
 
-notebooks: $(VENV)/.dev ## Execute every notebook
-	$(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks $(ARGS)
+notebooks: $(VENV)/.dev ## Execute every notebook, with a short training
+	HOTICE_TRAIN_MINUTES=$${HOTICE_TRAIN_MINUTES:-0.5} $(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks $(ARGS)
 
 benchmark: $(VENV)/.core ## Measure throughput
 	$(BIN)/python -m hotice.learn benchmark $(ARGS)

@@ -113,7 +113,7 @@ def run(trial: Trial, *, noisy: bool = True, watch=None) -> Result:
         controller = Pickup(trial.carried, Support(top_m=trial.top_m, near_m=NEAR_M), p, quat)
     except (CarryInfeasible, PickInfeasible) as error:
         return Result("not planned", str(error), 0.0, 0, 0)
-    model = builder.build_model(trial.carried, table(trial), wrist_pos=controller.carry.wrist_pos)
+    model = builder.build_model(trial.carried, table(trial), wrist_pos=controller.planner.wrist_pos)
     palms = [model.geom(f"{s}_palm_{i}").id for s in ("left", "right") for i in range(4)]
     model.geom_friction[[*palms, model.geom("object").id], 0] = trial.friction
     plant = TorquePlant(model)

@@ -64,4 +64,27 @@ class InvalidMap(HoticeError):
 
 
 class SimulationError(HoticeError):
-    """Physics that cannot go on: a buffer that overflowed, a device out of memory."""
+    """Physics that cannot go on: a buffer that overflowed, too many states that diverged, a process that died."""
+
+
+class DivergedError(HoticeError):
+    """Training that cannot go on: weights or gradients that are not finite."""
+
+
+class OutOfMemory(HoticeError):
+    """Memory of the machine or of its GPU that ran out; says what to lower."""
+
+
+class MissingExtra(HoticeError, ImportError):
+    """A part of hotice whose optional packages are not installed; says which extra brings them."""
+
+    def __init__(self, part: str, package: str, extra: str) -> None:
+        super().__init__(f"{part} needs {package}, which is not installed: pip install 'hotice[{extra}]'")
+
+
+class NotAvailable(HoticeError):
+    """A plant, controller or combination that this version does not have; says which exist."""
+
+
+class InvalidStation(HoticeError):
+    """A diagram that cannot run: a port left unconnected, or parts that do not belong together."""

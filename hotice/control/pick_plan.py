@@ -23,13 +23,15 @@ from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
 SUPPORT_TOP_M = (0.40, 0.85)
-GRASP_ABOVE_CENTRE_M = 0.035
+GRASP_ABOVE_CENTRE_M = 0.055  # the object hangs from the palms: the higher they hold it, the less it tilts
+HIGHEST_GRASP_M = 1.03
 PREGRASP_GAP_M = 0.07
 GRIP_AHEAD_M = 0.04
 TOE_IN_M = 0.0025
+WRIST_IN_RAD = 0.06
 """Boxes are held between the front of the palms, whose rear stays off by this much: locked wrists cannot make palms perfectly
 flush, and which pair of palm spheres carries must be known, so that it can be put beside the centre of mass."""
-PALM_REACH_M = 0.14  # a palm further than this behind the near face is not asked for
+PALM_REACH_M = 0.16  # a palm further than this behind the near face is not asked for
 CLEAR_M = 0.03  # between object and support
 READY_ARM = np.array([0.8, 0.6, 0.9, -0.7])  # left: hands wide and drawn back [rad]
 TIPS_M = np.array([[0.075, 0.0, -0.04], [-0.1, 0.0, -0.04]])  # of the hand frame: fingers and wrist, from below
@@ -66,7 +68,8 @@ class PickPlan:
         crouch: pelvis ready for the grasp, arms drawn back; pregrasp: palms off the object; grasp: palms on it.
         retreat: (K, 27) from the grasp over the lifted object to the carry state.
         lift_knots: how many of them belong to the lift.
-        p_OH: (2, 3) palms in the object frame; p_HO: (2, 3) the object's centre in the hand frames; hand_point: (2, 3) where the hands press, in their frames [m].
+        p_OH: (2, 3) palms in the object frame [m]. p_HO: (2, 3) the object's centre in the hand frames, moved to the palms.
+        hand_point: (2, 3) where the hands press, in their frames [m].
         p_GO: (3,) where the object ends, in G as it is then; back_m: how far the robot steps back between lift and retreat.
     """
 
@@ -98,16 +101,18 @@ class Planner:
 
     def __init__(self, carried: CarriedObject, support: Support) -> None:
         self.carried, self.support = carried, support
-        above = 0.0 if carried.shape == "sphere" else min(GRASP_ABOVE_CENTRE_M, carried.half_extents_m[2] - 0.05)
-        self.above_m = max(above, 0.0)
+        half = carried.half_extents_m
+        room = min(GRASP_ABOVE_CENTRE_M, half[2] - 0.05, HIGHEST_GRASP_M - support.top_m - half[2])
+        self.above_m = 0.0 if carried.shape == "sphere" else max(room, 0.02)
         box = carried.shape == "box"
         self.grip_m = GRIP_AHEAD_M if box else 0.0
         self.toe_m = np.where(PALM_POINTS_M[:, 0] < 0, TOE_IN_M, 0.0) if box else np.zeros(4)
         self.carry = solve_carry(carried, grasp_height_m=self.above_m)
-        self.terms = Terms(self.carry.wrist_pos)
+        self.wrist_pos = self.carry.wrist_pos + WRIST_IN_RAD * np.array([0, 0, -1.0, 0, 0, 1.0]) * box
+        self.terms = Terms(self.wrist_pos)
         self._ik = KeyframeIk(self.terms)
         self.rise_m = 2 * CLEAR_M
-        p, half = self.carry.object_pos_W, carried.half_extents_m
+        p = self.carry.object_pos_W
         self.steps_back = bool(p[0] + half[0] + CLEAR_M > support.near_m and p[2] - half[2] < support.top_m + CLEAR_M)
 
     def plan(self, q_start: Array, p_GO: Array, quat_GO: Array) -> PickPlan:
@@ -123,6 +128,7 @@ class Planner:
         hands = [(f, t.p_WF[f].copy(), t.R_WF[f].copy()) for f in (LEFT_HAND, RIGHT_HAND)]
         p_OH = np.array([pose.R_WO.T @ (p - pose.p_WO) for _, p, _ in hands])
         centre = np.array([R.T @ (pose.p_WO - p) for _, p, R in hands])
+        centre[:, 1] = PALM_M[:, 1]  # each hand carries its half of the load where it touches
 
         legs, arms = np.full(20, LEG_WEIGHT), np.full(20, ARM_WEIGHT)
         arms[g1.LOWER] = LEG_WEIGHT
@@ -240,8 +246,8 @@ class Planner:
         if gap > MAX_GAP_M or off > MAX_OFF_M or slip > 0.01:
             x, y, z = pose.p_WO
             raise PickInfeasible(
-                f"{carried.shape} at x {x:.2f}, y {y:.2f}, z {z:.2f} m from the feet, turned {np.degrees(yaw):.0f} deg, cannot be "
-                f"grasped standing: the palms miss its sides by {1e3 * gap:.0f} mm and their places by {1e3 * off:.0f} mm; stand "
+                f"{carried.shape} at x {x:.2f}, y {y:.2f}, z {z:.2f} m from the feet, turned {np.degrees(yaw):.0f} deg, "
+                f"cannot be grasped standing: the palms miss its sides by {1e3 * gap:.0f} mm and their places by {1e3 * off:.0f} mm; stand "
                 "nearer and face it"
             )
         return best
@@ -289,7 +295,9 @@ class Planner:
 
     def _pulled(self, guess: Array, holds: _Holds, at: ObjectPose) -> Array:
         """The robot near `guess`, with its hands as far apart and turned as at the grasp; the object may be ahead of `at`."""
-        weight = np.full(20, 0.3)
+        weight = np.tile(
+            [3.0, 0.3, 0.3, 3.0], 5
+        )  # shoulder pitch and elbow lead, or the arms would jump from one branch to another
         weight[g1.LOWER] = LEG_WEIGHT
         R = at.R_WO @ holds.grasped.R_WO.T
         pelvis = _rpy(self.terms._pin, guess[3:7])
@@ -304,7 +312,7 @@ class Planner:
                 (200.0 * (t.p_WF[left] - t.p_WF[right] - apart), 200.0 * (t.J_WF[left, :3] - t.J_WF[right, :3]))
             )
             mean, J = 0.5 * (t.p_WF[left] + t.p_WF[right]), 0.5 * (t.J_WF[left, :3] + t.J_WF[right, :3])
-            soft = np.array([2.0, 60.0, 10.0])
+            soft = np.array([1.0, 60.0, 3.0])
             found.append((soft * (mean - middle), soft[:, None] * J))
             if not self.steps_back:
                 found.append(hinge(mean[2:] - lowest, J[2:], 60.0))

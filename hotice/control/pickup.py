@@ -1,7 +1,7 @@
 """Picking an object up from a support, as a phase machine over the whole-body QP.
 
-settle -> crouch -> reach -> close -> squeeze -> lift (-> back, where the support is in the way) -> retreat -> hold; a missed grasp opens the hands, plans anew and tries
-again; what cannot be mended ends in `abort`: hands off, back to standing, or, with the object in hand, standing still.
+settle -> crouch -> reach -> close -> squeeze -> lift (-> back, where the support is in the way) -> retreat -> hold.
+A missed grasp opens the hands, plans anew and tries again. What cannot be mended ends in `abort`: hands off, back to standing.
 Positions are measured in G: origin on the floor between the feet at the start, x ahead.
 """
 
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 HANDS = slice(LEFT_HAND, RIGHT_HAND + 1)
 FEET = slice(LEFT_FOOT, RIGHT_FOOT + 1)
 STANDING_N = 400.0
+TURN_N_M, TURN_NS_M = 1500.0, 60.0
 LANDED_N, SEARCH_M = 10.0, 0.01  # a foot that should stand but feels less goes on downwards
 PHASES = ("settle", "crouch", "reach", "close", "squeeze", "lift", "back", "retreat", "hold", "open", "stand", "abort")
 
@@ -129,8 +130,8 @@ class Pickup:
         self.start_q = q
         self._check(p_GO, quat_GO)
         self.expected = self.planner.plan(q, np.asarray(p_GO, float), np.asarray(quat_GO, float))
-        self._qp = WholeBodyQp(self.carry.wrist_pos, qp)
-        self._ref = Terms(self.carry.wrist_pos)
+        self._qp = WholeBodyQp(self.planner.wrist_pos, qp)
+        self._ref = Terms(self.planner.wrist_pos)
         self._targets, self._contacts = Targets(), Contacts()
         low, high = self.config.squeeze_n
         self.squeeze_n = low + (high - low) * min(carried.mass_kg / 3.5, 1.0)
@@ -301,7 +302,7 @@ class Pickup:
         t.gain_frame("pelvis", [0.0, 0.0, 20.0, 10.0, 10.0, 10.0], 7.0)
         t.gain_joints(np.where(np.arange(20) < g1.LOWER.stop, 0.02, 1.0), 12.0)
         for hand in ("left_hand", "right_hand"):
-            t.gain_frame(hand, [4.0, 4.0, 4.0, 0.0, 2.0, 0.0], 12.0)
+            t.gain_frame(hand, [4.0, 4.0, 4.0, 2.0, 2.0, 0.0], 12.0)
         for foot in ("left_foot", "right_foot"):  # of a foot in the air
             t.gain_frame(foot, 30.0, 16.0)
 
@@ -311,6 +312,12 @@ class Pickup:
         held = ref.p_WF[HANDS].mean(axis=0)
         com = (ref.mass_kg * ref.com[:2] + load * held[:2]) / (ref.mass_kg + load)
         return plan_step_back(self._qp.terms.p_WF[FEET].copy(), com, float(ref.com[2]), distance_m)
+
+    def _press(self, memory: PickupMemory) -> Array:
+        """Where the hands press, (2, 3) in W."""
+        t = self._qp.terms
+        point = self._contacts.hand_point if memory.plan is None else memory.plan.hand_point
+        return t.p_WF[HANDS] + np.einsum("hij,hj->hi", t.R_WF[HANDS], point)
 
     def _follow(self, memory: PickupMemory) -> None:
         ref, t, k = self._ref, self._targets, self._contacts
@@ -328,11 +335,17 @@ class Pickup:
         if memory.air.any():
             k.foot_force_max_n[memory.air] = 0.0
             t.frame_pos[FEET], t.frame_vel[FEET, :3] = self._feet, self._feet_rate
-        true = self._qp.terms.p_WF
-        line = true[LEFT_HAND] - true[RIGHT_HAND]  # of the hands as they are: no moment on the object
+        true, press = self._qp.terms, self._press(memory)
+        line = press[0] - press[1]  # between the palms as they are: no moment on the object
         line /= np.linalg.norm(line)
         k.hand_normal_W[0], k.hand_normal_W[1] = line, -line
         k.hand_force_ref_W[:] = memory.squeeze_n * k.hand_normal_W
+        if memory.load_share > 0.0:  # stiffer against turning the object than the light arms are by their tasks
+            off, rate = true.p_WF[HANDS] - ref.p_WF[HANDS], true.v_WF[HANDS, :3] - ref.v_WF[HANDS, :3]
+            turn = 0.5 * memory.load_share * (TURN_N_M * (off[0] - off[1]) + TURN_NS_M * (rate[0] - rate[1]))
+            turn -= (turn @ line) * line
+            k.hand_force_ref_W[0] += turn
+            k.hand_force_ref_W[1] -= turn
         k.hand_force_max_n[:] = 2.0 * self.squeeze_n if memory.squeeze_n > 0 else 0.0
         k.load_kg = memory.load_share * self.carried.mass_kg
         k.hand_moment_W[:] = 0.0
@@ -341,8 +354,8 @@ class Pickup:
         if memory.plan is not None and k.load_kg > 0.0:
             weight = 0.5 * k.load_kg * GRAVITY
             for hand, R in enumerate(self._qp.terms.R_WF[HANDS]):
-                x, y, _ = R @ (memory.plan.p_HO[hand] - memory.plan.hand_point[hand])
-                k.hand_moment_W[hand, :2] = -y * weight, x * weight
+                ahead = R @ (memory.plan.p_HO[hand] - memory.plan.hand_point[hand])
+                k.hand_moment_W[hand, 1] = ahead[0] * weight
 
 
 def _configuration(m: Measurement, fallback: Array) -> Array:

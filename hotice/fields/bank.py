@@ -15,7 +15,8 @@ from torch import Tensor
 
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.fields import cache as cached
-from hotice.fields import sample, torch_sample
+from hotice.fields import clearance, sample, torch_sample
+from hotice.fields.clearance import Spheres
 from hotice.fields.hod_pf import check_margin
 from hotice.fields.potential import FieldParams
 from hotice.fields.reachability import check_reachable, joins_start
@@ -140,6 +141,25 @@ class FieldBank:
             return torch_sample.sample_distance(self._torch, scene_ids, p_W)
         out = p_W.new_empty(p_W.shape[:2])
         sample.sample_distance(self.volumes, scene_ids.numpy(), p_W.numpy(), out.numpy())
+        return out
+
+    def lowest_clearance(
+        self, scene_ids: Tensor, xpos: Tensor, xmat: Tensor, spheres: Spheres, variant: Tensor
+    ) -> Tensor:
+        """Smallest gap between spheres on frames and the scene's own obstacles, (N,) [m]; negative: one intrudes.
+
+        Args:
+            scene_ids (N,). xpos (N, B, 3) [m], xmat (N, B, 3, 3): frames in W, float32.
+            spheres: on those frames. variant (N,): which of their variants each environment has.
+        """
+        scene_ids, xpos = self._check(scene_ids, xpos)
+        if self._torch is not None:
+            return clearance.lowest_clearance_torch(self._torch, scene_ids, xpos, xmat, spheres, variant)
+        out = xpos.new_empty(len(xpos))
+        clearance.lowest_clearance(
+            self.volumes, scene_ids.numpy(), xpos.numpy(), xmat.detach().float().contiguous().numpy(), spheres,
+            variant.numpy(), out.numpy(),
+        )  # fmt: skip
         return out
 
     def _check(self, scene_ids: Tensor, p_W: Tensor) -> tuple[Tensor, Tensor]:

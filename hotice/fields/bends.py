@@ -3,7 +3,8 @@
 The path comes from a point o, d from the goal, over edges that all run along the unit vector e and bends last at b, L
 from o when measured across e. Such a path unfolds to a straight line (Keller's law: it crosses all edges at one angle),
 so a point x that lies r from the last edge is d + hypot(L + r, (x - o).e) from the goal, and the bend slides along the
-edge to suit x. The goal itself, and any bend without an edge, is a row with e = 0, L = 0 and o = b.
+edge to suit x. The goal itself, and any bend without an edge, is a row with e = 0, L = 0 and o = b. Behind a wall that
+curves both ways, such as a ball, paths converge: there o is the focus ahead, L < 0, and the root has a minus sign.
 """
 
 from __future__ import annotations
@@ -14,8 +15,6 @@ from hotice.compiled import compiled
 from hotice.fields.solids import distance_within, normal_within
 
 WIDTH = 11
-_PARALLEL = 0.9995
-_SIMILAR = 0.9
 _LEAST_TURN_PER_M = 0.05
 """Sine of the angle between the normals on both sides of a bend over h, below which it counts as no edge [1/m]."""
 _LIFT_PER_M = 1.25
@@ -44,8 +43,9 @@ def reach(row, x):
     r = math.sqrt(rx * rx + ry * ry + rz * rz)
     t = (x[0] - row[3]) * ex + (x[1] - row[4]) * ey + (x[2] - row[5]) * ez
     flat = row[9] + r
-    shift = along - (t * r / flat if flat > 0.0 else 0.0)
-    return row[10] + math.sqrt(flat * flat + t * t), (row[0] + shift * ex, row[1] + shift * ey, row[2] + shift * ez)
+    shift = along - (t * r / flat if flat != 0.0 else 0.0)
+    way = math.copysign(math.sqrt(flat * flat + t * t), flat)
+    return row[10] + way, (row[0] + shift * ex, row[1] + shift * ey, row[2] + shift * ez)
 
 
 @compiled(inline="always", error_model="numpy")
@@ -67,15 +67,20 @@ def extend(space, margin, row, b, x):
     """The row of a path that bends at row's bend, then at b, and goes on towards x.
 
     Sideways the wave about the path has the radius of its whole way across edges that are parallel, of the way from the
-    last bend across one at a right angle (Euler's formula in between).
+    last bend across one at a right angle (Euler's formula in between). Walls that curve both ways focus it.
     """
     value, a = reach(row, b)
     ex, ey, ez = _edge(space, a, b, x)
     if ex == 0.0 and ey == 0.0 and ez == 0.0:
         return source(b, value)
-    last, whole = max(distance(a, b), 1e-9), max(value - row[10], 1e-9)
+    last = max(distance(a, b), 1e-9)
+    whole = value - row[10]
+    if row[9] != 0.0:
+        whole = _focused(space, a, b, (row[6], row[7], row[8]), whole, last)
+    whole = math.copysign(max(abs(whole), 1e-9), whole)
     aligned = (ex * row[6] + ey * row[7] + ez * row[8]) ** 2
-    radius = 1.0 / (aligned / whole + (1.0 - aligned) / last)
+    bent = aligned / whole + (1.0 - aligned) / last
+    radius = 1.0 / math.copysign(max(abs(bent), 1e-3), bent)
     cosine = ((b[0] - a[0]) * ex + (b[1] - a[1]) * ey + (b[2] - a[2]) * ez) / last
     t = radius * cosine
     flat = radius * math.sqrt(max(1.0 - cosine * cosine, 0.0))
@@ -83,22 +88,43 @@ def extend(space, margin, row, b, x):
 
 
 @compiled(nogil=True, error_model="numpy")
-def _edge(space, a, b, x):
-    """Unit vector along the edge on which the string a-b-x bends, 0 where the wall is smooth.
+def _focused(space, a, b, e, radius, way):
+    """Radius sideways, along e, of a wave that creeps `way` along the wall from a to b: `radius` if the wall is flat along e.
 
-    Normals about an edge are at right angles to it. One is taken on the convex side of the bend, the other towards a or
-    x, whichever differs more.
+    Half of the turn on the way focuses the wave at either end (Jacobi's equation for the distance of near geodesics).
+    """
+    f = 0.1 * space.h
+    p = normal_within(space, a[0], a[1], a[2])
+    q = normal_within(space, b[0], b[1], b[2])
+    turn = math.acos(min(max(p[0] * q[0] + p[1] * q[1] + p[2] * q[2], -1.0), 1.0))
+    u = normal_within(space, b[0] + f * e[0], b[1] + f * e[1], b[2] + f * e[2])
+    v = normal_within(space, b[0] - f * e[0], b[1] - f * e[1], b[2] - f * e[2])
+    curved = ((u[0] - v[0]) * e[0] + (u[1] - v[1]) * e[1] + (u[2] - v[2]) * e[2]) / (2.0 * f)
+    kick = 0.5 * turn * curved
+    wide, slope = radius - way, 1.0
+    slope -= kick * wide
+    wide += way * slope
+    slope -= kick * wide
+    return wide / (slope if slope != 0.0 else 1e-9)
+
+
+@compiled(nogil=True, error_model="numpy")
+def _edge(space, a, b, x):
+    """Unit vector along the edge on which the string a-b-x bends, 0 where the wall is flat.
+
+    Normals about an edge are at right angles to it. One is taken on the convex side of the bend, the other towards a or,
+    where that differs twice as much, x: on walls that curve both ways the edge is at right angles to the way from a.
     """
     u, v = _towards(a, b), _towards(b, x)
     w = _towards(v, u)
-    k = _normal(space, b, w)
-    best, edge = _LEAST_TURN_PER_M * space.h, (0.0, 0.0, 0.0)
+    k = _normal(space, b, _normal(space, b, w))
+    least, edge = _LEAST_TURN_PER_M * space.h, (0.0, 0.0, 0.0)
     for side in range(2):
         n = _normal(space, b, v if side else (-u[0], -u[1], -u[2]))
         ex, ey, ez = k[1] * n[2] - k[2] * n[1], k[2] * n[0] - k[0] * n[2], k[0] * n[1] - k[1] * n[0]
         turn = math.sqrt(ex * ex + ey * ey + ez * ez)
-        if turn > best:
-            best, edge = turn, (ex / turn, ey / turn, ez / turn)
+        if turn > least:
+            least, edge = 2.0 * turn, (ex / turn, ey / turn, ez / turn)
     return edge
 
 

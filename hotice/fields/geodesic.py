@@ -1,11 +1,11 @@
 """Geodesic distance to the goal among sharp walls, by fast marching with an exact local solver.
 
 Every node carries the point where its shortest path last bends (at first the goal). A node that sees a neighbour's bend
-is as far as that bend and the straight way to it; one that does not bends the string where it touches the wall, below
-the grid's scale (`strings.py`). No differences are taken, so nothing is lost at the goal or at an edge (cf. Nash et al.
-2007, "Theta*"; Qi and Vladimirsky 2019 on singularities at corners): in free space distance and gradient are exact, and
-elsewhere the value is the length of a path that is free but for the cuts that `strings.py` allows. Errors of the
-distance fall with h^2: bends along an edge lie at most a cell apart, and chords of curved walls cut them by O(h^2).
+is as far as that bend and the straight way to it; where an obstacle hides it, a string is pulled taut past the obstacle
+(`strings.py`). No differences are taken, so nothing is lost at the goal or at an edge (cf. Nash et al. 2007, "Theta*"; Qi
+and Vladimirsky 2019 on singularities at corners): in free space and behind straight edges distance and gradient are
+exact. Along curved walls the string cuts the wall by O(h^2) and carries the curvature of its wave along (`bends.py`); the
+error of the distance falls with h^2.
 
 Obstacles (inflated by the margin) and the borders of the grid are walls. Nodes that no path reaches are infinite.
 """
@@ -18,14 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.compiled import compiled
-from hotice.fields.bends import WIDTH, reach, source
-from hotice.fields.segments import blocker, distance
+from hotice.fields.bends import WIDTH, distance, reach, source
+from hotice.fields.segments import blocker
 from hotice.fields.shadows import FREE_M, see_goal
 from hotice.fields.solids import Space, distance_within
 from hotice.fields.strings import join, pull
 
-_SLACK_PER_M = 1.0
-"""A path longer than the straight way to its bend by less than this times h^2 is not improved."""
+_SLACK_PER_M2 = 20.0
+"""A path longer than the straight way to its bend by less than this times h^3 is not improved: what is lost at each of
+O(1/h) bends falls with h^2 in all."""
 
 
 def solve_geodesic(
@@ -165,7 +166,7 @@ def _beside(space, node, known):
 @compiled(nogil=True, error_model="numpy")
 def _spread(space, margin, node, dist, row, certain, known, heap, slot, count):
     """Queues the neighbours of a known node by the straight way to its bend; returns the length of the heap."""
-    slack = _SLACK_PER_M * space.h * space.h
+    slack = _SLACK_PER_M2 * space.h**3
     for side in range(6):
         other = _neighbour(space, node, side)
         if other < 0 or known[other] or space.sdf[other] - margin <= FREE_M:
@@ -189,7 +190,7 @@ def _evaluate(space, margin, node, dist, rows, row_of, known):
     step from a neighbour where no string is found. The path bends as row `row` says or, where that is -1, as `new`.
     """
     h = space.h
-    slack = _SLACK_PER_M * h * h
+    slack = _SLACK_PER_M2 * h * h * h
     x = _position(space, node)
     near, hidden, hider = np.full(6, np.inf), np.full(6, np.inf), np.full(6, -1)
     for side in range(6):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.fields.command import navigation_command
 from hotice.fields.hod_pf import HodPf
 from hotice.model import g1
 from hotice.model.frames import quat_to_mat
@@ -22,7 +23,6 @@ NUM_SGF, NUM_HANDS = len(g1.SGF_KEYPOINTS), len(g1.OGF_KEYPOINTS)
 _STEERED = [g1.SGF_KEYPOINTS.index(name) for name in g1.STEERED_KEYPOINTS]
 SPEED_M_S, STOP_GAIN_HZ = 0.7, 3.0
 """Walking speed, and speed per distance near the goal, of the navigation command: the task's defaults."""
-NEAR_M = 0.4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,28 +77,5 @@ def query(
         ),
         c_W=navigation_command(
             force_W[_STEERED], pf.scene.goal_W[:2] - state.p_WP[:2], pf.params.attraction, speed_m_s, stop_gain_hz
-        ),
+        )[0],
     )  # fmt: skip
-
-
-def navigation_command(
-    force_W: Array, offset_W: Array, attraction: float, speed_m_s: float, stop_gain_hz: float
-) -> Array:
-    """The command c as the environment aggregates it (`hotice.sim.commands`, which says why), (3,) [m/s].
-
-    Args:
-        force_W: (4, 3) Standard Guidance Field at head, pelvis and feet [m/s].
-        offset_W: (2,) horizontal vector from root to goal [m].
-        attraction: eta, to which longer vectors are cut [m/s].
-        speed_m_s: walking speed far from the goal. stop_gain_hz: speed per distance near it.
-    """
-    size = np.linalg.norm(force_W, axis=1, keepdims=True)
-    c_W = (force_W * (attraction / np.maximum(size, attraction))).mean(axis=0)
-    distance = float(np.linalg.norm(offset_W))
-    speed = min(stop_gain_hz * distance, speed_m_s)
-    near = max(0.0, 1.0 - distance / NEAR_M)
-    straight = offset_W / max(distance, 1e-6)
-    along = c_W[:2] / max(float(np.linalg.norm(c_W[:2])), 1e-6)
-    heading = (1.0 - near) * along + near * straight
-    heading = heading / max(float(np.linalg.norm(heading)), 1e-12)
-    return np.append(heading * speed, c_W[2] * speed / speed_m_s)

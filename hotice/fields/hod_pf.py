@@ -81,6 +81,10 @@ class GuidanceField:
         """As `geodesic_distance` where that is finite; elsewhere by way of the nearest reachable node, so finite."""
         return self._query(p_W)[2]
 
+    def query(self, p_W: ArrayOrTensor) -> tuple[ArrayOrTensor, ArrayOrTensor, ArrayOrTensor]:
+        """F, signed distance and extended geodesic distance at once, as `sample`, `signed_distance` and the last give."""
+        return self._query(p_W)
+
     def _query(self, p_W: ArrayOrTensor) -> tuple[ArrayOrTensor, ArrayOrTensor, ArrayOrTensor]:
         """(F, inflated distance, finite geodesic distance)."""
         if not isinstance(p_W, np.ndarray) and hasattr(p_W, "detach"):

@@ -14,6 +14,7 @@ from hotice.fields.solids import Space
 from hotice.model.scene import GOAL_HEIGHT_M, Scene
 
 _REACH_CELLS = 2.0
+_ROUNDING = 1e-9
 MARGIN_STEP_M = 0.01
 
 
@@ -32,9 +33,10 @@ def check_reachable(scene: Scene, resolution_m: float = 0.04, margin_m: float = 
 
 def joins_start(scene: Scene, grid: Grid, reached: NDArray[np.bool_]) -> bool:
     """Whether one of the `reached` nodes (size,) lies within two cells of the start at pelvis height."""
-    p_W = grid.points(np.flatnonzero(reached))
-    gap = np.abs(p_W - [*scene.start[:2], GOAL_HEIGHT_M]).max(axis=1, initial=0.0)
-    return bool((gap <= _REACH_CELLS * grid.resolution_m).any())
+    start = (np.array([*scene.start[:2], GOAL_HEIGHT_M]) - grid.origin) / grid.resolution_m
+    low = np.ceil(start - _REACH_CELLS - _ROUNDING).clip(0).astype(int)
+    high = np.floor(start + _REACH_CELLS + _ROUNDING).clip(-1).astype(int) + 1
+    return bool(reached.reshape(grid.shape)[tuple(map(slice, low, high))].any())
 
 
 def explain(scene: Scene, grid: Grid, space: Space, margin_m: float) -> str:

@@ -2,7 +2,7 @@
 
 Boxes, cylinders and capsules are convex, so the signed distance to one of them is a convex function along a segment: its
 least value follows from a few values and slopes by cutting planes (Kelley 1960), and a segment that leaves one never
-meets it again. Meshes are traced by spheres. Obstacles are inflated by `margin`; a segment may cut one by less than
+meets it again. Meshes: `mesh_segments.py`. Obstacles are inflated by `margin`; a segment may cut one by less than
 `DEPTH_PER_M h^2`, so that strings creep along curved walls in finite steps whose error falls with h^2, but it may neither
 cross a plate, however thin, nor slip through the seam of two obstacles that touch.
 """
@@ -12,14 +12,14 @@ from __future__ import annotations
 import math
 
 from hotice.compiled import compiled
+from hotice.fields.bends import distance
+from hotice.fields.mesh_segments import pass_mesh
 from hotice.fields.solids import (
     BOX,
     CAPSULE,
     CYLINDER,
     MESH,
     convex_slope,
-    distance_bound,
-    mesh_distance,
     mesh_normal,
     solid_distance,
     solid_normal,
@@ -33,19 +33,7 @@ _SNAP_M = 1e-5
 """Least distance within which a bend belongs to an edge."""
 _CUTS = 40
 _OPPOSED = -0.2
-"""Least cosine between the normals of two walls that close a seam, or of a mesh before and behind a step."""
-_LONGEST = 0.25
-"""Longest step in cells along a mesh that stays level within this slope:"""
-_LEVEL = 0.02
-_NEAR = 0.3
-"""Bounds below this many cells are replaced by exact distances to a mesh."""
-_MAX_STEPS = 1000
-
-
-@compiled(inline="always", error_model="numpy")
-def distance(a, b):
-    """|a - b| of two triples."""
-    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+"""Largest cosine between the normals of two walls that close a seam."""
 
 
 @compiled(inline="always", error_model="numpy")
@@ -147,7 +135,7 @@ def blocker(space, margin, a, b):
         if not passes_box(solid, space.nodes, n, a, b, margin + touch):
             continue
         if solid[n, 0] == MESH:
-            if not trace_mesh(space, margin, n, a, b)[0]:
+            if not pass_mesh(space, margin, n, a, b, touch, False)[0]:
                 return n
             continue
         deepest = -depth_of(solid, n, margin, space.h)
@@ -155,7 +143,9 @@ def blocker(space, margin, a, b):
         if s < deepest:
             return n
         if s < touch:
-            if other >= 0 and (_pinched(space, margin, other, n, a, b, t) or _pinched(space, margin, n, other, a, b, at)):
+            if other >= 0 and (
+                _pinched(space, margin, other, n, a, b, t) or _pinched(space, margin, n, other, a, b, at)
+            ):
                 return n
             other, at = n, t
     return -1
@@ -177,7 +167,7 @@ def _pinched(space, margin, m, n, a, b, t):
 def lowest_point(space, margin, n, a, b):
     """(found, p): the point of the inflated obstacle n that segment a-b comes nearest to, or cuts deepest at."""
     if space.solid[n, 0] == MESH:
-        _, t, s = trace_mesh(space, margin, n, a, b)
+        _, t, s = pass_mesh(space, margin, n, a, b, DEPTH_PER_M * space.h * space.h, True)
     else:
         s, t = convex_clearance(space.solid, n, margin, a, b, -math.inf, math.inf)
     if s == math.inf:
@@ -217,48 +207,3 @@ def _on_edge(solid, n, x, y, z, near):
         solid[n, 7] * x + solid[n, 8] * y + solid[n, 9] * z + solid[n, 14],
         solid[n, 10] * x + solid[n, 11] * y + solid[n, 12] * z + solid[n, 15],
     )
-
-
-@compiled(nogil=True, error_model="numpy")
-def trace_mesh(space, margin, n, a, b):
-    """(free, t, s) of segment a-b beside mesh n: the distance t from a to the lowest clearance s that it comes down to.
-
-    s is infinite when the segment never nears the mesh.
-    """
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    length = max(math.sqrt(ux * ux + uy * uy + uz * uz), 1e-12)
-    ux, uy, uz = ux / length, uy / length, uz / length
-    h = space.h
-    least, near, deepest = h * h, _NEAR * h, -DEPTH_PER_M * h * h
-    t, at, lowest, last = 0.0, 0.0, math.inf, -math.inf
-    stride, longest = least, _LONGEST * h
-    touching, known, away = False, 0.0, math.inf
-    before = (0.0, 0.0, 0.0)
-    for _ in range(_MAX_STEPS):
-        x, y, z = a[0] + t * ux, a[1] + t * uy, a[2] + t * uz
-        s = distance_bound(space, x, y, z) - margin
-        if s < near:
-            s = mesh_distance(space, n, x, y, z, known, away) - margin
-            known = s + margin
-            if s < min(lowest, last):
-                lowest, at = s, t
-            level = touching and abs(s - last) < _LEVEL * stride
-            stride = min(2.0 * stride, longest) if level else least
-            last = s
-            if s < deepest:
-                return False, at, lowest
-            if touching or s < least:
-                u = mesh_normal(space, n, x, y, z, s + margin)
-                if touching and u[0] * before[0] + u[1] * before[1] + u[2] * before[2] < _OPPOSED:
-                    return False, at, lowest
-                before = u
-            touching = s < least
-        else:
-            touching, last, stride = False, math.inf, least
-            known = 0.0
-        if t >= length:
-            return True, at, lowest
-        step = min(max(abs(s), stride), length - t)
-        away = step if known != 0.0 else math.inf
-        t = min(t + step, length)
-    return False, at, lowest

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from hotice.compiled import compiled
+from hotice.fields.mesh_segments import stays_off
 from hotice.fields.segments import DEPTH_PER_M, blocker, convex_clearance, depth_of, passes_box
 from hotice.fields.solids import MESH
 
@@ -20,7 +21,9 @@ def see_goal(space, margin, goal):
     """Whether each node is free and sees the goal, (size,)."""
     nx, ny, nz, h = space.nx, space.ny, space.nz, space.h
     seen = np.zeros(len(space.sdf), np.bool_)
-    stack = [(i, j, k, _BLOCK) for i in range(0, nx, _BLOCK) for j in range(0, ny, _BLOCK) for k in range(0, nz, _BLOCK)]
+    stack = [
+        (i, j, k, _BLOCK) for i in range(0, nx, _BLOCK) for j in range(0, ny, _BLOCK) for k in range(0, nz, _BLOCK)
+    ]
     while len(stack):
         i, j, k, width = stack.pop()
         if i >= nx or j >= ny or k >= nz:
@@ -59,7 +62,8 @@ def _beam(space, margin, goal, i, j, k, width):
         if not passes_box(solid, space.nodes, n, goal, centre, margin + reach + touch):
             continue
         if solid[n, 0] == MESH:
-            verdict = 0
+            if verdict > 0 and not stays_off(space, n, goal, centre, margin + reach + touch):
+                verdict = 0
             continue
         umbra = -depth_of(solid, n, margin, h) - reach
         s, _ = convex_clearance(solid, n, margin, goal, centre, umbra, reach + touch)

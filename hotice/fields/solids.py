@@ -8,6 +8,7 @@ never is.
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,8 +54,8 @@ class Space(NamedTuple):
     nz: int
 
     @classmethod
-    def of(cls, scene: Scene, grid: Grid) -> Space:
-        """Fills the grid. Raises `InvalidScene` for a mesh that cannot be used."""
+    def of(cls, scene: Scene, grid: Grid, threads: int = 1) -> Space:
+        """Fills the grid, in slabs by so many threads. Raises `InvalidScene` for a mesh that cannot be used."""
         meshes = list({o.shape: None for o in scene.obstacles if isinstance(o.shape, MeshShape)})
         tree, roots = bvh.Tree.join([m.mesh().tree for m in meshes])
         root_of: dict[Any, int] = dict(zip(meshes, roots, strict=True))
@@ -64,8 +65,14 @@ class Space(NamedTuple):
         none, h = np.empty(0, dtype=np.int64), grid.resolution_m
         empty = cls(solid, tree.triangles, tree.nodes, none, none, np.empty(0), ox, oy, oz, h, nx, ny, nz)
         start, member = _block_members(empty)
-        listed = empty._replace(start=start, member=member)
-        return listed._replace(sdf=_fill(listed))
+        full = empty._replace(start=start, member=member, sdf=np.empty(grid.size))
+        slabs = np.linspace(0, nx, threads + 1).astype(int).tolist()
+        if threads > 1:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(lambda first, last: _fill(full, first, last), slabs[:-1], slabs[1:]))
+        else:
+            _fill(full, 0, nx)
+        return full
 
 
 def _row(obstacle: Obstacle, root: int) -> list[float]:
@@ -160,12 +167,13 @@ def _block_members(space):
 
 
 @compiled(nogil=True, error_model="numpy")
-def _fill(space):
+def _fill(space, first, last):
+    """Sets `space.sdf` of nodes first <= i < last."""
     solid, triangles, nodes, start, member = space.solid, space.triangles, space.nodes, space.start, space.member
     by, bz = _blocks(space.ny), _blocks(space.nz)
-    sdf = np.empty(space.nx * space.ny * space.nz)
-    node = 0
-    for i in range(space.nx):
+    sdf = space.sdf
+    node = first * space.ny * space.nz
+    for i in range(first, last):
         for j in range(space.ny):
             for k in range(space.nz):
                 x, y, z = space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
@@ -176,7 +184,6 @@ def _fill(space):
                     solid, triangles, nodes, start, member, block, x, y, z, bound, near > space.h and k > 0
                 )
                 node += 1
-    return sdf
 
 
 @compiled(inline="always", error_model="numpy")
@@ -222,15 +229,6 @@ def distance_within(space, x, y, z, known=0.0, away=np.inf):
 def _reach(near, away):
     """Bound of the distance, in size, at a point `away` from one whose distance, cut at FAR_M, is `near`."""
     return abs(near) + away + _ROUNDING if near < FAR_M else np.inf
-
-
-@compiled(inline="always", error_model="numpy")
-def distance_bound(space, x, y, z):
-    """Lower bound of `distance_within` from the nearest node: its distance less the way to it."""
-    h = space.h
-    i, j, k = _index((x - space.ox) / h, space.nx), _index((y - space.oy) / h, space.ny), _index((z - space.oz) / h, space.nz)
-    dx, dy, dz = x - space.ox - i * h, y - space.oy - j * h, z - space.oz - k * h
-    return space.sdf[(i * space.ny + j) * space.nz + k] - math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @compiled(nogil=True, error_model="numpy")

@@ -6,7 +6,7 @@ import math
 
 from hotice.compiled import compiled
 from hotice.fields.bends import extend, moved, on_edge, reach, source
-from hotice.fields.segments import blocker, convex_clearance, depth_of, distance, lowest_point
+from hotice.fields.segments import blocker, convex_clearance, depth_of, lowest_point
 from hotice.fields.solids import MESH
 
 OFF_EDGE = -2
@@ -17,7 +17,7 @@ _MAX_BENDS = 12
 
 @compiled(inline="always", error_model="numpy")
 def between(y, x, f):
-    """y + f (x - y) of two triples."""
+    """Point y + f (x - y) of two triples."""
     return (y[0] + f * (x[0] - y[0]), y[1] + f * (x[1] - y[1]), y[2] + f * (x[2] - y[2]))
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.compiled import compiled
 from hotice.fields.extension import extend
 from hotice.fields.geodesic import solve_geodesic
 from hotice.fields.grid import Grid
@@ -60,20 +61,28 @@ class SceneNodes:
 def pack(value: NDArray[np.floating], gradient: NDArray[np.floating]) -> tuple[NDArray[np.int16], float]:
     """Distances (n,) >= 0 [m] and gradients (n, 3) as int16 (n, 4), and the step of the distances [m]."""
     step = max(float(value.max()), 1e-3) / 32767
-    packed = np.empty((len(value), 4), dtype=np.int16)
-    packed[:, 0] = np.rint(value / step)
-    packed[:, 1:] = np.rint(gradient / SLOPE_STEP)
-    return packed, step
+    return _rounded(value, gradient, step), step
+
+
+@compiled(nogil=True)
+def _rounded(value, gradient, step):
+    packed = np.empty((len(value), 4), np.int16)
+    for n in range(len(value)):
+        packed[n, 0] = np.rint(value[n] / step)
+        for axis in range(3):
+            packed[n, 1 + axis] = np.rint(gradient[n, axis] / SLOPE_STEP)
+    return packed
 
 
 def solve_scene(scene: Scene, resolution_m: float, margins_m: tuple[float, ...], threads: int = 1) -> SceneNodes:
     """Distances and geodesics of one scene for each inflation margin; equal margins are solved once."""
     grid = Grid.of(scene, resolution_m)
-    space = Space.of(scene, grid)
+    space = Space.of(scene, grid, threads)
 
     def solve(margin_m: float) -> tuple[NDArray[np.int16], float, NDArray[np.bool_]]:
         geodesic, slope = solve_geodesic(space, margin_m, scene.goal_W)
-        return *pack(*extend(geodesic, slope, grid)), np.isfinite(geodesic)
+        reached = np.isfinite(geodesic)
+        return *pack(*extend(geodesic, slope, grid)), reached
 
     different = sorted(set(margins_m))
     if threads > 1:

@@ -28,7 +28,7 @@ PREFIX = "checkpoint-"
 def save_checkpoint(run: Path, update: int, tensors: dict[str, Tensor], meta: dict[str, Any], keep: int = 2) -> Path:
     """Writes `run/checkpoint-UPDATE` and removes all but the newest `keep`. Raises `OutputError`."""
     final = run / f"{PREFIX}{update:07d}"
-    aside = run / f".{final.name}.{os.getpid()}"
+    aside, replaced = run / f".{final.name}.{os.getpid()}", run / f".{final.name}.{os.getpid()}.old"
     try:
         run.mkdir(parents=True, exist_ok=True)
         for stale in run.glob(f".{PREFIX}*"):
@@ -41,12 +41,16 @@ def save_checkpoint(run: Path, update: int, tensors: dict[str, Tensor], meta: di
         for name in (TENSORS, META):
             with open(aside / name, "rb") as file:
                 os.fsync(file.fileno())
-        if final.exists():
-            shutil.rmtree(final)
+        if final.exists():  # moved first: removing it takes longer than a kill
+            os.replace(final, replaced)
         os.replace(aside, final)
+        shutil.rmtree(replaced, ignore_errors=True)
     except OSError as error:
-        shutil.rmtree(aside, ignore_errors=True)
         raise OutputError(f"{final}: checkpoint cannot be written: {error.strerror or error}") from None
+    except safetensors.SafetensorError as error:  # how it reports a disk that is full
+        raise OutputError(f"{final}: checkpoint cannot be written: {error}") from None
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
     for old in list_checkpoints(run)[:-keep]:
         shutil.rmtree(old, ignore_errors=True)
     return final

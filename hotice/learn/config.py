@@ -11,6 +11,7 @@ import torch
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.sim.config import TaskConfig, get_preset
 from hotice.sim.physics import BACKENDS
+from hotice.sim.starts import NEAREST_M
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +99,10 @@ class TrainConfig:
     """First updates that train only the critics: they get to know the task before they lead the actors."""
     curriculum: bool = True
     """Draw scenes that are neither solved nor hopeless more often."""
+    curriculum_distance_m: float = 0.0
+    """Start within this way of the goal, at least 0.3, and farther away as more episodes reach it; 0: at any distance."""
+    curriculum_objects: float = 0.0
+    """Start with this share of the objects, the smallest, and larger ones as more episodes reach the goal; 0: with all."""
     seed: int = 0
     """Seed of every random draw."""
     checkpoint_minutes: float = 3.0
@@ -134,6 +139,13 @@ class TrainConfig:
                 raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
         if self.updates < 1:
             raise InvalidConfig(f"updates is {self.updates!r}: at least 1 is needed")
+        first_m, share = self.curriculum_distance_m, self.curriculum_objects
+        if first_m != 0 and not (np.isfinite(first_m) and first_m >= NEAREST_M):
+            raise InvalidConfig(
+                f"curriculum_distance_m is {first_m!r}: 0, or a distance of at least {NEAREST_M} is needed"
+            )
+        if not 0.0 <= share <= 1.0:
+            raise InvalidConfig(f"curriculum_objects is {share!r}: a share between 0 and 1 is needed")
         for name in ("hidden", "critic_hidden"):
             if not getattr(self, name) or min(getattr(self, name)) < 1:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: one or more sizes of at least 1 are needed")

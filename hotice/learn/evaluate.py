@@ -37,6 +37,7 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.config import TaskConfig
 from hotice.sim.env import TransportEnv
 from hotice.sim.memory import check_memory
+from hotice.sim.perturbations import without as switch_off
 from hotice.sim.terminations import OUTCOMES
 from hotice.sim.threads import one_thread
 
@@ -66,6 +67,8 @@ class EvaluateConfig:
     """Simulate with 2 ms steps and elliptic friction cones instead of the training settings."""
     perturbed: bool = True
     """Noise, delays, pushes and uncertain dynamics as in the training of students."""
+    without: tuple[str, ...] = ()
+    """Of these, what is switched off, to see what it costs: sensor-noise, object-noise, delay, root-rate, pushes, dynamics."""
     shapes: tuple[str, ...] = ("box",)
     """Shapes of the carried objects."""
     size_m: tuple[float, float] = (0.20, 0.40)
@@ -84,10 +87,20 @@ class EvaluateConfig:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 or more is needed")
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
+        switch_off(TaskConfig(), self.without)
+        if self.without and not self.perturbed:
+            raise InvalidConfig(
+                f"without is {', '.join(self.without)}: nothing is left to switch off with --no-perturbed"
+            )
 
 
-def evaluation_task(task: dict[str, Any], *, fine: bool = False, perturbed: bool = False) -> TaskConfig:
-    """The task a policy was trained on, with the paper's trial: 5 s, from the scene's start, over at the goal."""
+def evaluation_task(
+    task: dict[str, Any], *, fine: bool = False, perturbed: bool = False, without: Sequence[str] = ()
+) -> TaskConfig:
+    """The task a policy was trained on, with the paper's trial: 5 s, from the scene's start, over at the goal.
+
+    `without`: sources of perturbation that are switched off. Raises `UnknownName`.
+    """
     known = TaskConfig()
     kept = (
         "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s", "stop_gain_hz", "gait_hz", "swing_height_m",
@@ -96,7 +109,7 @@ def evaluation_task(task: dict[str, Any], *, fine: bool = False, perturbed: bool
     values = {k: task[k] for k in kept if k in task}
     if fine:
         values |= {"physics_dt_s": 0.002, "substeps": 10}
-    known = known.perturbed() if perturbed else known
+    known = switch_off(known.perturbed() if perturbed else known, without)
     return replace(
         known, **values, episode_s=5.0, goal_radius_m=0.1, anywhere=0.0, end_at_goal=True, collisions=True,
         start_noise_m=0.03, start_yaw_noise_rad=0.1,
@@ -105,13 +118,14 @@ def evaluation_task(task: dict[str, Any], *, fine: bool = False, perturbed: bool
 
 def score_block(
     policy: Policy, scene: Scene, states: Sequence[CarryState], rollouts: int, seed: int, *, first: int = 0,
-    fine: bool = False, perturbed: bool = True, on_trials: Callable[[int], None] | None = None,
+    fine: bool = False, perturbed: bool = True, without: Sequence[str] = (),
+    on_trials: Callable[[int], None] | None = None,
 ) -> Trials:  # fmt: skip
     """Runs trials `first` .. `first + rollouts` of a scene side by side; every carry state is used in turn.
 
     `on_trials(n)` is called when n more trials have ended. Raises `CheckpointError` for a policy of another observation.
     """
-    config = evaluation_task(policy.meta["task"], fine=fine, perturbed=perturbed)
+    config = evaluation_task(policy.meta["task"], fine=fine, perturbed=perturbed, without=without)
     bank = _fields(scene, config.resolution_m, config.margin_m)
     carry = CarryBank.of(
         states, config.physics_dt_s, CPU, scene=scene, elliptic=fine, dynamics=config.dynamics, seed=seed
@@ -182,7 +196,7 @@ class Scorer:
             return score_block(
                 policy, self.scenes[scene], self.states, self.size(block), block_seed(self.config.seed, block),
                 first=block * self.config.batch, fine=self.config.fine, perturbed=self.config.perturbed,
-                on_trials=on_trials,
+                without=self.config.without, on_trials=on_trials,
             )  # fmt: skip
 
     def settings(self, policy: Policy) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from hotice.errors import HoticeError, InvalidConfig, UnknownName
+from hotice.errors import HoticeError, InvalidConfig, OutputError, UnknownName
 from hotice.files import make_folder, write_text
 
 FORMAT = "hotice-job/1"
@@ -102,19 +102,23 @@ class JobProcess:
             self.process.wait()
 
     def _begin(self) -> None:
-        with open(self.job.folder / LOCK, "a") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return
-            with open(self.job.folder / LOG, "ab") as log:
+        try:
+            with open(self.job.folder / LOCK, "a") as lock, open(self.job.folder / LOG, "ab") as log:
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    return
                 self.process = subprocess.Popen(
                     [sys.executable, "-m", "hotice.learn", self.job.command, *self.job.argv], stdin=subprocess.DEVNULL,
                     stdout=log, stderr=log, pass_fds=(lock.fileno(),), start_new_session=True,
                     env={**os.environ, "OMP_NUM_THREADS": str(self.job.cpus)},
                 )  # fmt: skip
-            lock.truncate(0)
-            lock.write(f"{self.process.pid}\n")
+                lock.truncate(0)
+                lock.write(f"{self.process.pid}\n")
+        except OSError as error:  # also of a lock that is written when it is closed
+            self.stop()
+            name = error.filename or self.job.folder / LOCK
+            raise OutputError(f"job {self.job.name!r}: cannot write {name}: {error.strerror or error}") from None
 
 
 def to_argv(options: Mapping[str, Any]) -> list[str]:

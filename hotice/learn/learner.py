@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from hotice.errors import InvalidConfig
+from hotice.errors import DivergedError
 from hotice.learn import distributed
 from hotice.learn.config import PpoConfig
 from hotice.learn.networks import ActorCritic, log_prob
@@ -21,6 +21,9 @@ Mirror = Callable[[Tensor], Tensor]
 MIRROR_ROWS = 768
 """Rows of a large minibatch that the mirror loss looks at: all of them would cost a third of an update, yet 768 of 6,144 change
 the gradient of the actors by 1 %, where two minibatches differ by 130 % (measured on `carry`)."""
+
+MANY_SKIPPED = 100
+"""Minibatches in a row that may be left out because a gradient is not finite."""
 
 
 class Learner:
@@ -35,7 +38,7 @@ class Learner:
         self.mirror_obs, self.mirror_action = mirror_obs, mirror_action
         groups = [{"params": list(net.nets[a.name].parameters()), "lr": config.learning_rate} for a in net.agents]
         self.optimizer = torch.optim.Adam(groups, eps=1e-5, fused=True)
-        self.skipped = 0
+        self.skipped = self.skipped_in_a_row = 0
 
     def sample(self, obs: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Action (N, 20), its mean, and log-probabilities (N, A), from normalised observations."""
@@ -71,12 +74,13 @@ class Learner:
     def meta(self) -> dict[str, Any]:
         """JSON-ready values that go with `state`."""
         rates = [group["lr"] for group in self.optimizer.param_groups]
-        return {"learner": self.kind, "skipped": self.skipped, "learning_rates": rates}
+        skipped = {"skipped": self.skipped, "skipped_in_a_row": self.skipped_in_a_row}
+        return {"learner": self.kind, **skipped, "learning_rates": rates}
 
     def load_state(self, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         """Restores `state` and `meta` of a run of the same kind."""
         self.load_optimizer(tensors, meta)
-        self.skipped = int(meta["skipped"])
+        self.skipped, self.skipped_in_a_row = int(meta["skipped"]), int(meta.get("skipped_in_a_row", 0))
 
     def load_own_state(self, tensors: dict[str, Tensor]) -> None:
         """Restores `own_state`."""
@@ -135,11 +139,14 @@ class Learner:
             norms.append(torch.nn.utils.clip_grad_norm_(group["params"], self.config.max_grad_norm))
         if not all(bool(torch.isfinite(n)) for n in norms):
             self.skipped += 1
-            if self.skipped > 100:
-                raise InvalidConfig(
-                    "more than 100 minibatches had gradients that are not finite: lower the learning rate"
+            self.skipped_in_a_row += 1
+            if self.skipped_in_a_row > MANY_SKIPPED:
+                raise DivergedError(
+                    f"{MANY_SKIPPED} minibatches in a row had gradients that are not finite: lower --learning-rate or "
+                    "--max-learning-rate and go on from the last checkpoint with --resume"
                 )
             return
+        self.skipped_in_a_row = 0
         self.optimizer.step()
         with torch.no_grad():
             for agent in self.net.nets.values():

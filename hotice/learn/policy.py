@@ -1,32 +1,33 @@
-"""A policy as a thing that acts: from a checkpoint, or from one ONNX file that holds normaliser and actors.
-
-The ONNX file carries its own description (preset, observation layout, task constants, what trained it) and the SHA-256 of
-both, so a changed file or one for another observation is refused when it is loaded.
-"""
+"""A policy as a thing that acts on tensors: from a checkpoint, or from an ONNX file (`hotice.policies.policy_file`)."""
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from hotice.errors import CheckpointError, UnknownName
 from hotice.files import write_bytes
 from hotice.learn.checkpoint import load_checkpoint
+from hotice.learn.health import check_tensors
 from hotice.learn.networks import ActorCritic
+from hotice.policies import policy_file
+from hotice.policies.policy_file import (
+    ACTION,
+    FORMAT,
+    KEY,
+    OBSERVATION,
+    POLICIES,
+    PolicySession,
+    content_hash,
+    shipped_policies,
+)  # fmt: skip
 from hotice.sim.config import get_preset
-
-FORMAT = "hotice-policy/1"
-POLICIES = Path(__file__).resolve().parents[1] / "policies"
-KEY = "hotice"
-OBSERVATION, ACTION = "observation", "action"
 
 
 class Policy(Protocol):
@@ -54,27 +55,14 @@ class TorchPolicy:
 
 
 class OnnxPolicy:
-    """An exported policy, run by onnxruntime on the CPU."""
+    """An exported policy, run by onnxruntime on the CPU. `content`: of the file, read from `path` when it is not given."""
 
-    def __init__(self, path: Path, name: str | None = None, threads: int = 0) -> None:
-        import onnxruntime
-
-        self.name = name or str(path)
-        content = _read(path)
-        self.meta = read_onnx_meta(content, path)
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.log_severity_level = 3
-        self.session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    def __init__(self, path: Path, name: str | None = None, threads: int = 0, content: bytes | None = None) -> None:
+        self._session = PolicySession(path, name, threads, content)
+        self.name, self.meta = self._session.name, self._session.meta
 
     def act(self, obs: Tensor) -> Tensor:
-        out = self.session.run([ACTION], {OBSERVATION: obs.detach().cpu().float().numpy()})[0]
-        return torch.from_numpy(np.asarray(out)).to(obs.device)
-
-
-def shipped_policies() -> tuple[str, ...]:
-    """Names of the policies that come with hotice."""
-    return tuple(sorted(p.stem for p in POLICIES.glob("*.onnx")))
+        return torch.from_numpy(self._session.run(obs.detach().cpu().float().numpy())).to(obs.device)
 
 
 def load_policy(name_or_path: str | Path, threads: int = 0) -> Policy:
@@ -106,7 +94,9 @@ def torch_policy(path: Path) -> TorchPolicy:
             get_preset(config["preset"]).agents, obs, critic, config["hidden"], config["critic_hidden"],
             tuple(config["init_std"]),
         )  # fmt: skip
-        net.load_state_dict({k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
+        weights = {k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")}
+        check_tensors(path, weights)
+        net.load_state_dict(weights)
         described = policy_meta(meta)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise CheckpointError(
@@ -151,13 +141,12 @@ def export_onnx(policy: TorchPolicy, path: Path) -> Path:
     model = program.model_proto
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.initializer):
         del part.metadata_props[:]  # torch notes where on this machine each operation was written
-    meta = {**policy.meta, "sha256": _hash(model, policy.meta)}
+    meta = {**policy.meta, "sha256": content_hash(model, policy.meta)}
     model.metadata_props.append(onnx.StringStringEntryProto(key=KEY, value=json.dumps(meta)))
     buffer = io.BytesIO()
     onnx.save_model(model, buffer, save_as_external_data=False)
-    write_bytes(path, buffer.getvalue())
-    check_export(policy, OnnxPolicy(path))
-    return path
+    check_export(policy, OnnxPolicy(path, content=buffer.getvalue()))
+    return write_bytes(path, buffer.getvalue())
 
 
 def check_export(policy: TorchPolicy, exported: OnnxPolicy, tolerance: float = 1e-5) -> float:
@@ -173,50 +162,6 @@ def check_export(policy: TorchPolicy, exported: OnnxPolicy, tolerance: float = 1
     return worst
 
 
-def read_onnx_meta(content: bytes, path: Path) -> dict[str, Any]:
-    """Description in an ONNX policy. Raises `CheckpointError` for another file, a changed one or another version."""
-    import onnx
-
-    try:
-        model = onnx.load_model_from_string(content)
-    except Exception as error:  # protobuf raises many kinds, all meaning: not an ONNX file
-        raise CheckpointError(f"{path}: is no ONNX file (truncated or changed): {type(error).__name__}") from None
-    entries = {e.key: e.value for e in model.metadata_props}
-    if KEY not in entries:
-        raise CheckpointError(f"{path}: is an ONNX file but no hotice policy: write one with `hotice export`")
-    try:
-        meta = json.loads(entries[KEY])
-    except ValueError:
-        raise CheckpointError(f"{path}: description of the policy is not JSON: the file was changed") from None
-    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
-        got = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
-        raise CheckpointError(f"{path}: policy format is {got!r}: known is {FORMAT!r}")
-    del model.metadata_props[:]
-    if _hash(model, {k: v for k, v in meta.items() if k != "sha256"}) != meta.get("sha256"):
-        raise CheckpointError(f"{path}: truncated or changed since it was exported (SHA-256 differs)")
-    return meta
-
-
 def check_layout(policy: Policy, layout: list[tuple[str, int]]) -> None:
     """Raises `CheckpointError` unless the policy reads exactly this observation."""
-    theirs = [tuple(row) for row in policy.meta["layout"]]
-    if theirs == layout:
-        return
-    wrong = [f"{a[0]} ({a[1]})" for a in theirs if a not in layout] or ["another order"]
-    raise CheckpointError(
-        f"{policy.name}: observation layout differs from the environment's: the policy reads {sum(w for _, w in theirs)} "
-        f"numbers, the environment gives {sum(w for _, w in layout)}; first difference: {wrong[0]}"
-    )
-
-
-def _hash(model: Any, meta: dict[str, Any]) -> str:
-    """SHA-256 of the graph and of what the file says of itself."""
-    content = model.SerializeToString(deterministic=True) + json.dumps(meta, sort_keys=True).encode()
-    return hashlib.sha256(content).hexdigest()
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise CheckpointError(f"{path}: cannot be read: {error.strerror or error}") from None
+    policy_file.check_layout(policy.name, policy.meta["layout"], layout)

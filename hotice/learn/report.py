@@ -24,7 +24,8 @@ def make_report(policy: Policy, config: EvaluateConfig, scores: Sequence[tuple[s
     return {
         "format": FORMAT, "policy": policy.name, "seed": config.seed, "rollouts": config.rollouts,
         **Trials.joined(trials for _, trials in scores).rates(),
-        "perturbed": config.perturbed, "physics": "2 ms, elliptic" if config.fine else "5 ms, pyramidal",
+        "perturbed": config.perturbed, "without": list(config.without),
+        "physics": "2 ms, elliptic" if config.fine else "5 ms, pyramidal",
         "objects": {"shapes": list(config.shapes), "size_m": list(config.size_m), "mass_kg": list(config.mass_kg)},
         "trained": policy.meta.get("trained", {}), "preset": policy.meta["preset"], "source": source_version(),
         "scenes": [{"name": name, **trials.summary()} for name, trials in scores],
@@ -36,6 +37,7 @@ def print_report(report: dict[str, Any], console: Console) -> None:
     from rich.table import Table
 
     task = "noise, delays and pushes" if report["perturbed"] else "no noise"
+    task += f" without {', '.join(report['without'])}" if report["without"] else ""
     title = (
         f"{report['policy']}: {report['rollouts']} trials a scene, seed {report['seed']}, {report['physics']}, {task}"
     )

@@ -20,9 +20,11 @@ from hotice.errors import CheckpointError
 from hotice.learn import distributed
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, save_checkpoint
 from hotice.learn.config import TrainConfig
-from hotice.learn.curriculum import SceneCurriculum
+from hotice.learn.curriculum import SceneCurriculum, Stages
 from hotice.learn.dual_ppo import DualPpo
+from hotice.learn.failures import ran_out_of_memory
 from hotice.learn.gae import gae
+from hotice.learn.health import check_network, check_physics, check_tensors
 from hotice.learn.learner import Learner
 from hotice.learn.networks import ActorCritic
 from hotice.learn.progress import Progress
@@ -66,6 +68,9 @@ class Runner:
         )
         self.stats = EpisodeStatistics(env.num_envs, env.bank.num_scenes, env.device)
         self.curriculum = SceneCurriculum(env.bank.num_scenes, env.device)
+        self.stages = Stages(
+            env.starter, config.curriculum_distance_m, config.curriculum_objects, env.num_envs * distributed.size()
+        )
         self.update = 0
         self.minutes = 0.0
         self.steps = 0
@@ -91,6 +96,7 @@ class Runner:
             write_config(cfg)
         shown = Progress(cfg, self.update) if leads else contextlib.nullcontext()
         late = stopped = False
+        skipped = self.algo.skipped
         with shown as progress, stop_on_signals() as signalled:
             while self.update < cfg.updates and not (late or stopped):
                 log = self.learn_once()
@@ -99,6 +105,9 @@ class Runner:
                 stopped, late, due = distributed.any_rank(signalled.is_set(), late, self._due())
                 if progress:
                     progress.report(self.update, self.steps, self.minutes, log)
+                    if self.algo.skipped > skipped:
+                        progress.note(f"update {self.update}: left out minibatches whose gradients were not finite")
+                skipped = self.algo.skipped
                 if due and not (late or stopped):
                     self.save()
             if progress and stopped:
@@ -108,13 +117,15 @@ class Runner:
 
     def learn_once(self) -> dict[str, float]:
         """One rollout and one update."""
-        begin = time.monotonic()
+        begin, unstable = time.monotonic(), self.env.unstable
         self.collect()
+        check_physics(self.env.unstable - unstable, self.env.num_envs, self.update + 1, self.config.out)
         middle = time.monotonic()
         self.algo.train_actors(self.update >= self.config.critic_updates)
         log = self.algo.update(self.rollout)
         self._observe_statistics()
         self.update += 1
+        check_network(self.net, self.update, self.config.out)
         steps = distributed.size() * self.env.num_envs * self.config.ppo.steps
         self.steps += steps
         distributed.add_up(self.stats.counters)
@@ -124,6 +135,8 @@ class Runner:
             self.curriculum.update(ended, successes)
             self.env.starter.scene_weight.copy_(self.curriculum.weights())
             log["curriculum/solved"] = float((self.curriculum.rate > 0.8).float().mean())
+        self.stages.update(float(ended.sum()), float(successes.sum()))
+        log |= self.stages.log()
         log["seconds/collect"], log["seconds/learn"] = middle - begin, time.monotonic() - middle
         log["steps_per_s"] = steps / (time.monotonic() - begin)
         log["reward"] = float(self.rollout.reward.mean())
@@ -180,6 +193,7 @@ class Runner:
         tensors = {f"net.{k}": v for k, v in self.net.state_dict().items()} | self.algo.state() | first
         tensors |= {f"rank{r}.{k}": v for r, other in enumerate(others, 1) for k, v in other.items()}
         tensors["curriculum"] = self.curriculum.rate
+        tensors |= self.stages.state()
         meta: dict[str, Any] = {
             **self.algo.meta(), "steps": self.steps, "minutes": self.minutes,
             "config": config_to_dict(self.config), "layout": self.env.policy_table.layout(),
@@ -204,6 +218,7 @@ class Runner:
         self._load_net(path, tensors, meta)
         self.algo.load_state(tensors, meta)
         self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
+        self.stages.load_state(tensors)
         if meta.get("ranks", 1) != distributed.size():
             return
         prefix = f"rank{distributed.rank()}."
@@ -239,6 +254,7 @@ class Runner:
 
     def _load_net(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         self._check_fit(path, meta)
+        check_tensors(path, {k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
         try:
             self.net.load_state_dict({k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
         except RuntimeError as error:
@@ -262,6 +278,8 @@ def _same_version(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        if ran_out_of_memory(error):
+            raise
         reason = f"{type(error).__name__} {error}".splitlines()[-1].strip()
         raise CheckpointError(f"{path}: is no checkpoint of this version: {reason}") from None
 

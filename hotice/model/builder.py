@@ -211,16 +211,45 @@ def pinocchio_model(joints: Literal[20, 29] = 29) -> pinocchio.Model:
     return pin.buildReducedModel(model, locked, pin.neutral(model))
 
 
-def add_to_plant(plant: MultibodyPlant) -> Sequence[ModelInstanceIndex]:
-    """Adds the 29-joint robot to a Drake plant from the same text; returns the model instances."""
+def add_to_plant(
+    plant: MultibodyPlant, joints: Literal[20, 29] = 29, wrist_pos: ArrayLike | None = None
+) -> Sequence[ModelInstanceIndex]:
+    """Adds the robot to a Drake plant from the same text; returns the model instances.
+
+    With 20 joints waist and wrists are welded, the wrists at `wrist_pos` (6,) [rad], as in `robot_spec`.
+    """
     import logging
 
     from pydrake.multibody.parsing import Parser
 
+    text = plant_text(joints, wrist_pos)
     log = logging.getLogger("drake")
     level = log.level
     log.setLevel(logging.ERROR)  # Drake warns about each MuJoCo-only attribute
     try:
-        return Parser(plant).AddModels(Path(g1.xml_path()))
+        return Parser(plant).AddModelsFromString(text, "xml")
     finally:
         log.setLevel(level)
+
+
+def plant_text(joints: Literal[20, 29] = 29, wrist_pos: ArrayLike | None = None) -> str:
+    """The MJCF text of the robot with motors; with 20 joints without those of waist and wrists."""
+    from xml.etree import ElementTree
+
+    if joints not in (20, 29):
+        raise InvalidConfig(f"robot with {joints!r} joints: allowed are 20 (waist and wrists locked) and 29 (all)")
+    text = Path(g1.xml_path()).read_text()
+    if joints == 29:
+        return text
+    root = ElementTree.fromstring(text)
+    for parent in list(root.iter()):
+        for child in list(parent):
+            locked = child.get("name") if child.tag == "joint" else child.get("joint")
+            if locked in g1.LOCKED_JOINTS:
+                parent.remove(child)
+    if wrist_pos is not None:
+        quats = dict(zip(g1.WRIST_LINKS, wrist_quats(wrist_pos), strict=True))
+        for body in root.iter("body"):
+            if body.get("name") in quats:
+                body.set("quat", " ".join(repr(float(v)) for v in quats[str(body.get("name"))]))
+    return ElementTree.tostring(root, encoding="unicode")

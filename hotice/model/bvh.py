@@ -116,7 +116,7 @@ def closest(triangles, nodes, root, x, y, z, bound):
         first, count = int(nodes[node, 6]), int(nodes[node, 7])
         if count > 0:
             for t in range(first, first + count):
-                best = min(best, _triangle_squared(triangles, t, x, y, z))
+                best = min(best, triangle_squared(triangles, t, x, y, z))
             continue
         left, right = node + 1, first
         near, far = _box_squared(nodes, left, x, y, z), _box_squared(nodes, right, x, y, z)
@@ -169,7 +169,7 @@ def _box_squared(nodes, n, x, y, z):
 
 
 @compiled
-def _triangle_squared(triangles, t, x, y, z):
+def triangle_squared(triangles, t, x, y, z):
     """Squared distance to a triangle: to its plane where the foot lies inside, else to the nearest edge."""
     ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
     ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from hotice.fields.clearance import Spheres
 from hotice.model import g1
 from hotice.model.frames import quat_to_mat
 
@@ -133,16 +134,17 @@ def _round(points: np.ndarray) -> np.ndarray:
     return np.column_stack([xy * np.abs(xy).max(axis=1, keepdims=True) / np.maximum(size, 1e-9), points[:, 2]])
 
 
-def lowest_clearance(sdf: Tensor, radius: Tensor) -> Tensor:
-    """Smallest distance between any sphere and the obstacles, (N, S), (S,) or (N, S) -> (N,) [m]; negative: collision."""
-    return (sdf - radius).amin(dim=-1)
-
-
-def to_tensors(arrays, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
-    """The robot cover as tensors: body (S,) int64, centre (S, 3), radius (S,)."""
-    body, centre, radius = arrays
-    return (
-        torch.tensor(body, dtype=torch.int64, device=device),
-        torch.tensor(centre, dtype=torch.float32, device=device),
-        torch.tensor(radius, dtype=torch.float32, device=device),
+def robot_spheres(model: mujoco.MjModel, device: torch.device) -> Spheres:
+    """The robot's cover on the frames of its bodies."""
+    body, centre, radius = robot_cover(model)
+    return Spheres(
+        frame=torch.tensor(body, dtype=torch.int64, device=device),
+        centre=torch.tensor(centre, dtype=torch.float32, device=device)[None],
+        radius=torch.tensor(radius, dtype=torch.float32, device=device)[None],
     )
+
+
+def object_spheres(centre: Tensor, radius: Tensor, body: int) -> Spheres:
+    """Covers of M objects, centre (M, S, 3) and radius (M, S) [m], on the object's body."""
+    frame = torch.full((centre.shape[1],), body, dtype=torch.int64, device=centre.device)
+    return Spheres(frame=frame, centre=centre.contiguous(), radius=radius.contiguous())

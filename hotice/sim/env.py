@@ -121,7 +121,8 @@ class TransportEnv:
             )
         self.physics = make_physics(physics, self.carry.models, num_envs, self.device, threads)
         self.layout = Layout(self.carry.models[0], self.device)
-        self.cover = cover.to_tensors(cover.robot_cover(self.carry.models[0]), self.device)
+        self.robot_cover = cover.robot_spheres(self.carry.models[0], self.device)
+        self.object_cover = cover.object_spheres(self.carry.cover_centre, self.carry.cover_radius, self.layout.object)
         self.starter = Starter(cfg, self.bank, self.carry, self.layout, self.device)
         self.rewards = RewardTable(REWARDS, self.agents, cfg.control_dt_s)
         self.policy_table = ObservationTable(POLICY)
@@ -280,6 +281,8 @@ class TransportEnv:
     def _start(self, ids: Tensor) -> None:
         m, n = self.memory, len(ids)
         m.scene[ids] = self.starter.draw_scenes(n, self.generator)
+        if self.starter.small is not None:
+            m.model[ids] = self.starter.small.draw(n, self.generator)
         self.starter.write(self.physics, ids, m.scene[ids], m.model[ids], self.generator)
         m.action = m.action.clone()
         m.last_action = m.last_action.clone()
@@ -299,7 +302,7 @@ class TransportEnv:
         scene, model = m.scene[rows], m.model[rows]
         grasp = pick(self.carry.grasp, model)
         motion, xpos, xmat = read_motion(self.physics, self.layout, grasp, ids)
-        robot_gap, object_gap = self._clearances(motion, xpos, xmat, scene, model)
+        robot_gap, object_gap = self._clearances(xpos, xmat, scene, model)
         if self.physics.hits is None:
             robot_hit, object_hit = robot_gap < -cfg.tolerance_m, object_gap < -cfg.tolerance_m
         else:
@@ -333,19 +336,12 @@ class TransportEnv:
             "goal_distance": offset_W.norm(dim=-1),
         }  # fmt: skip
 
-    def _clearances(
-        self, motion: Motion, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Smallest gap between cover spheres and obstacles, robot and object, (N,) each."""
+    def _clearances(self, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
+        """Smallest gap between cover spheres and obstacles, robot and object, (N,) each, from the frames of all bodies."""
         if not self.has_obstacles:
-            far = torch.full_like(motion.yaw, CLEAR_M)
+            far = torch.full((len(xpos),), CLEAR_M, device=self.device)
             return far, far.clone()
-        body, centre, radius = self.cover
-        p_robot = xpos[:, body] + (xmat[:, body] @ centre[:, :, None]).squeeze(-1)
-        p_object = motion.p_WO[:, None] + self.carry.cover_centre[model] @ motion.R_WO.transpose(1, 2)
-        sdf = self.bank.signed_distance(scene, torch.cat([p_robot, p_object], dim=1))
-        count = len(radius)
         return (
-            cover.lowest_clearance(sdf[:, :count], radius),
-            cover.lowest_clearance(sdf[:, count:], self.carry.cover_radius[model]),
+            self.bank.lowest_clearance(scene, xpos, xmat, self.robot_cover, torch.zeros_like(model)),
+            self.bank.lowest_clearance(scene, xpos, xmat, self.object_cover, model),
         )

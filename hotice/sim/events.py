@@ -12,11 +12,15 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.config import TaskConfig
 from hotice.sim.physics import Physics
 from hotice.sim.snapshot import Layout
+from hotice.sim.stages import NearStarts, SmallObjects
 from hotice.sim.starts import all_places
 
 
 class Starter:
-    """Draws scene, object, place and heading of new episodes and writes their state."""
+    """Draws scene, object, place and heading of new episodes and writes their state.
+
+    `near` and `small`, None at first, restrict places and objects for a curriculum: see `hold_back`.
+    """
 
     def __init__(
         self, config: TaskConfig, bank: FieldBank, carry: CarryBank, layout: Layout, device: torch.device
@@ -24,11 +28,18 @@ class Starter:
         self.config, self.bank, self.carry, self.layout = config, bank, carry, layout
         self.scene_weight = torch.ones(bank.num_scenes, device=device)
         places = all_places(bank) if config.anywhere > 0 else [np.zeros((1, 3))] * bank.num_scenes
-        self.place_count = torch.tensor([len(p) for p in places], device=device)
-        table = np.zeros((bank.num_scenes, int(self.place_count.max()), 3))
-        for row, p in zip(table, places, strict=True):
-            row[: len(p)] = p
-        self.places = torch.tensor(table, dtype=torch.float32, device=device)
+        self.places, self.place_count = _table(places, device)
+        self.near: NearStarts | None = None
+        self.small: SmallObjects | None = None
+
+    def hold_back(self, *, far: bool, large: bool) -> None:
+        """From the next episode on, starts come from `near`, objects from `small`, whose limits may then be set."""
+        if far:
+            usual = (self.places, self.place_count)
+            table = usual if self.config.anywhere > 0 else _table(all_places(self.bank), self.places.device)
+            self.near = NearStarts(self.bank, *table)
+        if large:
+            self.small = SmallObjects(self.carry.grasp)
 
     def draw_scenes(self, count: int, generator: torch.Generator) -> Tensor:
         """Scene ids (count,) in proportion to `scene_weight`."""
@@ -44,12 +55,13 @@ class Starter:
         place = self.bank.start[scene].clone()
         place[:, :2] += uniform(2, cfg.start_noise_m)
         place[:, 2:] += uniform(1, cfg.start_yaw_noise_rad)
-        if cfg.anywhere > 0:
-            pick = (torch.rand(n, generator=generator, device=device) * self.place_count[scene]).long()
-            other = self.places[scene, pick].clone()
+        if cfg.anywhere > 0 or self.near is not None:
+            other = self._anywhere(scene, generator)
             other[:, :2] += uniform(2, cfg.start_noise_m)
             other[:, 2:] += uniform(1, cfg.anywhere_yaw_noise_rad)
             use = torch.rand(n, 1, generator=generator, device=device) < cfg.anywhere
+            if self.near is not None:
+                use |= self.near.too_far(scene)[:, None]
             place = torch.where(use, other, place)
         qpos = self.carry.qpos[model].clone()
         qpos[:, self.layout.q[g1.LOWER]] += uniform(12, cfg.joint_noise_rad).double()
@@ -61,6 +73,22 @@ class Starter:
         physics.qvel[ids] = 0.0
         physics.ctrl[ids] = self.carry.target[model].to(physics.ctrl.dtype)
         physics.forward(ids)
+
+    def _anywhere(self, scene: Tensor, generator: torch.Generator) -> Tensor:
+        """Places (n, 3) with room to stand in scenes (n,)."""
+        if self.near is not None:
+            return self.near.draw(scene, generator)
+        pick = (torch.rand(len(scene), generator=generator, device=scene.device) * self.place_count[scene]).long()
+        return self.places[scene, pick].clone()
+
+
+def _table(places: list[np.ndarray], device: torch.device) -> tuple[Tensor, Tensor]:
+    """Places of all scenes in one tensor (S, P, 3), and how many of its rows hold, (S,)."""
+    table = np.zeros((len(places), max(len(p) for p in places), 3))
+    for row, p in zip(table, places, strict=True):
+        row[: len(p)] = p
+    count = torch.tensor([len(p) for p in places], device=device)
+    return torch.tensor(table, dtype=torch.float32, device=device), count
 
 
 def turn_about_root(qpos: Tensor, place: Tensor, object_q: int) -> Tensor:

@@ -8,68 +8,21 @@ actor reads the truth.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from hotice.errors import InvalidConfig
+from hotice.model.sensing import STUDENT_SENSING, SensingConfig
 from hotice.sim.snapshot import Motion, Snapshot
+
+__all__ = ["KNOWN_ROWS", "STUDENT_SENSING", "Sensors", "SensingConfig"]
 
 KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size")
 """Rows of the policy observation that no sensor measures: they are never late."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class SensingConfig:
-    """Uniform noise of half width as named, delays and the rate of the root pose. Zero: none."""
-
-    joint_pos_rad: float = 0.0
-    """Joint angles (CAT: 0.03)."""
-    joint_vel_rad_s: float = 0.0
-    """Joint velocities (CAT: 1.5)."""
-    gravity: float = 0.0
-    """Components of the gravity direction (CAT: 0.05)."""
-    gyro_rad_s: float = 0.0
-    """Angular velocity of the pelvis (CAT: 0.2)."""
-    object_pos_m: float = 0.0
-    """Position of the object seen from the pelvis (CAT: 0.05)."""
-    object_rot_rad: float = 0.0
-    """Orientation of the object about each axis (CAT: 5 degrees)."""
-    root_pos_m: float = 0.0
-    """Position of the root in the scene (ours: 0.02)."""
-    root_yaw_rad: float = 0.0
-    """Heading of the root in the scene (ours: 0.03)."""
-    root_hz: float = 0.0
-    """Rate at which the root's place and heading are refreshed (CAT: 10); 0: with every step."""
-    action_delay_s: float = 0.0
-    """Longest delay from observation to motor, drawn for each episode in physics steps (ours: 0.02)."""
-    sensor_delay_steps: int = 0
-    """Longest delay of what is measured, drawn for each episode in control steps (ours: 1)."""
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
-        if self.sensor_delay_steps not in (0, 1):
-            raise InvalidConfig(f"sensor_delay_steps is {self.sensor_delay_steps!r}: 0 or 1 is allowed")
-
-    @property
-    def exact(self) -> bool:
-        """Whether the actor reads the truth."""
-        return not any(vars(self).values())
-
-
-STUDENT_SENSING = SensingConfig(
-    joint_pos_rad=0.03, joint_vel_rad_s=1.5, gravity=0.05, gyro_rad_s=0.2, object_pos_m=0.05, object_rot_rad=0.087,
-    root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0, action_delay_s=0.02, sensor_delay_steps=1,
-)  # fmt: skip
-"""What students are trained and evaluated under."""
-
-
-_STATE = ("root", "age", "action_delay", "late", "seen")
+_STATE = ("root", "object", "age", "action_delay", "late", "seen")
 
 
 class Sensors:
@@ -88,6 +41,9 @@ class Sensors:
         self.longest_delay = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
         self.root = torch.zeros(num_envs, 4, device=device)
         """Estimate x, y [m], sine and cosine of the heading."""
+        self.object = torch.zeros(num_envs, 3, 3, device=device)
+        """Estimate of the object in P: position [m] and first two axes, as rows."""
+        self.gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
         self.age = torch.zeros(num_envs, dtype=torch.int64, device=device)
         """Measurements of this episode."""
         self.action_delay = torch.zeros(num_envs, dtype=torch.int64, device=device)
@@ -146,6 +102,9 @@ class Sensors:
 
         p_PO = s.p_WO - s.p_WP + noise(s.p_WO, cfg.object_pos_m)
         R_tilt = _rotation(noise(s.p_WO, cfg.object_rot_rad))
+        if self.gain < 1.0:
+            p_PO, R_WO = self._filtered(s, ids, p_PO, R_tilt @ s.R_WO)
+            R_tilt = R_WO @ s.R_WO.transpose(1, 2)
         arms = s.p_WOK - s.p_WO[:, None]
         arms = torch.where(s.grasp.world_aligned[:, None, None], arms, arms @ (R_EW @ R_tilt).transpose(1, 2))
         p_WO = p_WP + (R_EW @ p_PO[:, :, None]).squeeze(-1)
@@ -158,6 +117,18 @@ class Sensors:
         }  # fmt: skip
         measured = replace(s, **motion)
         return replace(measured, **self.guide(measured, ids))
+
+    def _filtered(self, s: Snapshot, ids: Tensor, p_PO: Tensor, R_WO: Tensor) -> tuple[Tensor, Tensor]:
+        """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object, both in W, after the newest measurement."""
+        newest = torch.cat([p_PO[:, None], R_WO[:, :, :2].transpose(1, 2)], dim=1) @ s.R_WP
+        gain = torch.clamp(1.0 / self.age[ids], min=self.gain)[:, None, None]
+        estimate = torch.lerp(self.object[ids], newest, gain)
+        self.object[ids] = estimate
+        p, x, y = (estimate @ s.R_WP.transpose(1, 2)).unbind(1)
+        x = x / x.norm(dim=1, keepdim=True)
+        z = torch.linalg.cross(x, y)
+        z = z / z.norm(dim=1, keepdim=True)
+        return p, torch.stack([x, torch.linalg.cross(z, x), z], dim=2)
 
 
 def _about_z(angle: Tensor) -> Tensor:

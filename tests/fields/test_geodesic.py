@@ -6,8 +6,8 @@ from hotice.fields import build_hod_pf
 from hotice.fields.distance import occupancy_distance
 from hotice.fields.geodesic import solve_geodesic
 from hotice.fields.grid import Grid
-from hotice.fields.solids import FAR_M, Space, distance_within
 from hotice.fields.segments import blocker
+from hotice.fields.solids import FAR_M, Space, distance_within
 from hotice.fields.volumes import solve_scene
 from hotice.model import Obstacle, Scene, load_scene
 from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
@@ -203,3 +203,25 @@ def test_occupancy_distance_is_unbiased():
     assert (occupancy_distance(np.ones((2, 2, 2), dtype=bool), h) == -np.inf).all()
     with pytest.raises(InvalidConfig, match="nx, ny, nz"):
         occupancy_distance(np.zeros((2, 2), dtype=bool), h)
+
+
+def test_error_behind_a_ball_falls_with_the_square_of_the_spacing():
+    """Closed form: two tangents and the arc of a great circle between them."""
+    centre, radius = np.array([0.9, 0.1, 0.7]), 0.35
+    scene = Scene("ball", obstacles=(Obstacle("ball", "side", SphereShape(radius), tuple(centre)),))
+    to_goal = GOAL - centre
+    far = np.linalg.norm(to_goal)
+    errors = []
+    for h in (0.08, 0.04):
+        grid = Grid.of(scene, h)
+        value, _ = solve_geodesic(Space.of(scene, grid), 0.0, GOAL)
+        q = grid.points() - centre
+        r = np.linalg.norm(q, axis=1)
+        outside = r > radius + 0.15
+        angle = np.arccos(q[outside] @ to_goal / (r[outside] * far))
+        turn = angle - np.arccos(radius / far) - np.arccos(radius / r[outside])
+        hidden = turn > 0.3
+        truth = np.sqrt(far**2 - radius**2) + np.sqrt(r[outside] ** 2 - radius**2) + radius * turn
+        errors.append(np.abs(value[outside] - truth)[hidden].mean())
+    assert errors[1] < 2e-4
+    assert np.log2(errors[0] / errors[1]) > 1.6

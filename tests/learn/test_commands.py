@@ -200,14 +200,14 @@ def test_a_policy_of_another_layout(onnx_file, tmp_path, capfd):
     """As a file that is whole, but was made for another observation."""
     import onnx
 
-    from hotice.learn.policy import KEY, _hash
+    from hotice.policies.policy_file import KEY, content_hash
 
     model = onnx.load(onnx_file)
     meta = json.loads(model.metadata_props[0].value)
     meta.pop("sha256")
     meta["layout"][0][1] += 1
     del model.metadata_props[:]
-    meta["sha256"] = _hash(model, meta)
+    meta["sha256"] = content_hash(model, meta)
     model.metadata_props.append(onnx.StringStringEntryProto(key=KEY, value=json.dumps(meta)))
     onnx.save(model, tmp_path / "p.onnx")
     for command in ("evaluate", "play"):

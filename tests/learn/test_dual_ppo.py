@@ -3,7 +3,7 @@ import dataclasses
 import pytest
 import torch
 
-from hotice.errors import InvalidConfig
+from hotice.errors import DivergedError
 from hotice.learn.config import PpoConfig
 from hotice.learn.dual_ppo import DualPpo
 from hotice.learn.learner import MIRROR_ROWS
@@ -185,9 +185,16 @@ def test_a_gradient_that_is_not_finite_is_left_out_and_counted():
     algo.update(r)
     assert algo.skipped == algo.config.epochs * algo.config.minibatches
     assert all(torch.equal(a, b) for a, b in zip(before, algo.net.parameters(), strict=True))
-    algo.skipped = 100
-    with pytest.raises(InvalidConfig, match="lower the learning rate"):
+    algo.skipped_in_a_row = 100
+    with pytest.raises(DivergedError, match="lower --learning-rate"):
         algo.update(r)
+
+
+def test_minibatches_left_out_now_and_then_do_not_end_a_long_run():
+    algo = make()
+    algo.skipped_in_a_row, algo.skipped = 100, 10_000
+    algo.update(filled(algo))
+    assert (algo.skipped_in_a_row, algo.skipped) == (0, 10_000)
 
 
 def test_standard_deviation_has_a_floor():

@@ -215,6 +215,38 @@ def test_report(onnx_file, tmp_path, capsys):
     assert kept["name"] == "blocked" and kept["rollouts"] == 3 and set(kept["blocks"]) == {"0", "1"}
 
 
+def test_single_sources_of_noise_can_be_switched_off(onnx_file, tmp_path, capfd):
+    out = tmp_path / "r.json"
+    full = evaluate(tiny_evaluation(onnx_file, out))
+    capfd.readouterr()
+    report = evaluate(tiny_evaluation(onnx_file, out, without=("pushes", "delay")))
+    shown = capfd.readouterr()
+    assert full["without"] == [] and report["without"] == ["pushes", "delay"]
+    assert json.loads(out.read_text())["without"] == ["pushes", "delay"]
+    assert "without pushes, delay" in " ".join(shown.out.split()) and "another without: starting anew" in shown.err
+
+
+def test_without_reaches_the_environment(standing, states, monkeypatch):
+    seen = []
+
+    class Watched(module.TransportEnv):
+        def __init__(self, *args, config, **kwargs):
+            seen.append(config)
+            super().__init__(*args, config=config, **kwargs)
+
+    monkeypatch.setattr(module, "TransportEnv", Watched)
+    for sources in ((), ("pushes",), ("dynamics", "root-rate")):
+        score_block(standing, near(0.04), states, 2, 0, without=sources)
+    assert [c.push_m_s for c in seen] == [1.0, 0.0, 1.0] and [c.sensing.root_hz for c in seen] == [10.0, 10.0, 0.0]
+    assert [c.dynamics.nominal for c in seen] == [False, False, True]
+
+
+@pytest.mark.parametrize("changes", [dict(without=("noise",)), dict(without=("pushes",), perturbed=False)])
+def test_sources_given_wrongly_are_refused(changes):
+    with pytest.raises(HoticeError, match="sensor-noise|nothing is left"):
+        EvaluateConfig(policy="x", scenes=("open_floor",), **changes)
+
+
 def without_source(report):
     return {k: v for k, v in report.items() if k != "source"}
 

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from hotice.errors import CheckpointError, OutputError, UnknownName
-from hotice.learn.policy import FORMAT, KEY, OnnxPolicy, check_layout, export_onnx, load_policy, torch_policy
+from hotice.learn.policy import OnnxPolicy, check_layout, export_onnx, load_policy, torch_policy
+from hotice.policies.policy_file import FORMAT, KEY
 from hotice.sim.observations import POLICY, ObservationTable
 
 LAYOUT = ObservationTable(POLICY).layout()

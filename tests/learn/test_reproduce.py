@@ -1,17 +1,21 @@
 import json
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
 import tyro
 
-from hotice.errors import CheckpointError, InvalidConfig, UnknownName
+import hotice.learn.reproduce as module
+from hotice.errors import CheckpointError, InvalidConfig, SimulationError, UnknownName
 from hotice.learn.__main__ import main
+from hotice.learn.checkpoint import load_checkpoint
 from hotice.learn.commands import Flat
 from hotice.learn.config import TrainConfig
 from hotice.learn.evaluate import EvaluateConfig
 from hotice.learn.paper_tables import TABLES
 from hotice.learn.reproduce import RECIPES, ReproduceConfig, reproduce, train_command
+from hotice.learn.runner import Runner
 from hotice.learn.unseen import Fit
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape
@@ -127,3 +131,68 @@ def test_reproduce_as_a_command(onnx_file, tmp_path, scenes):
     policies = ["--policies", f"dual_hodpf={onnx_file}"]
     assert main(["reproduce", "table2", *options, *policies, "--out", str(tmp_path / "tables")]) == 0
     assert (tmp_path / "tables" / "tables.md").is_file()
+
+
+@pytest.mark.slow
+def test_all_of_the_paper_from_nothing(tmp_path, scenes, capfd):
+    """Every policy is trained (a little) and scored once; each result alone then finds all of it in the same folder."""
+    out = tmp_path / "out"
+    options = [
+        "--rollouts",
+        "1",
+        "--updates",
+        "1",
+        "--num-envs",
+        "8",
+        "--threads",
+        "1",
+        "--out",
+        str(out),
+        "--seed",
+        "4",
+    ]
+    options += ["--bench", scenes[0], "--training", scenes[0], "--unseen", *scenes[1:]]
+    assert main(["reproduce", "all", *options]) == 0
+    whole = json.loads((out / "tables.json").read_text())
+    assert sorted(p.name for p in (out / "runs").iterdir()) == sorted(RECIPES)
+    assert {"table1", "table2", "unseen"} <= set(whole) and (out / "unseen.png").stat().st_size > 10_000
+    for name in TABLES:
+        for row in whole[name]["rows"]:
+            recipe, origin = RECIPES[row["policy"]], row["origin"]
+            assert row["ours"]["rollouts"] == 1 and row["ours"]["success_rate"] == 1.0
+            assert origin["trained"]["steps"] == 8 * 24 and origin["preset"] == recipe.preset and origin["perturbed"]
+            trained = tyro.cli(Flat[TrainConfig], args=shlex.split(origin["trained_by"])[2:])
+            assert (trained.preset, trained.seed, trained.updates) == (recipe.preset, 4, 1)
+            assert trained.task.objects.shapes == (recipe.shape,)
+            asked = tyro.cli(Flat[EvaluateConfig], args=shlex.split(origin["evaluated_by"])[2:])
+            assert asked.shapes == (recipe.shape,) and asked.policy == str(trained.out)
+    text = (out / "tables.md").read_text()
+    assert all(f"## {table.title}" in text for table in TABLES.values()) and "no policy" not in text
+    made = {p: p.stat().st_mtime_ns for p in (out / "runs").rglob("*") if p.is_file()}
+    for name in TABLES:
+        assert main(["reproduce", name, *options]) == 0
+        alone = json.loads((out / "tables.json").read_text())
+        assert alone[name] == whole[name] and not (set(TABLES) - {name}) & set(alone)
+    assert made == {p: p.stat().st_mtime_ns for p in (out / "runs").rglob("*") if p.is_file()}, (
+        "nothing was trained again"
+    )
+
+
+def test_a_training_that_was_interrupted_is_told_and_goes_on(tmp_path, scenes, tiny, monkeypatch):
+    given = [f"{name}=unused" for name in PRESETS if name != "single_sgf"]
+    monkeypatch.setattr(module, "_check_presets", lambda given: None)
+    monkeypatch.setattr(module, "_evaluate", lambda config, name, path, command: pytest.fail(f"{name} was evaluated"))
+    config = quick(tmp_path, scenes, "table1", policies=tuple(given), updates=3)
+    monkeypatch.setattr(Runner, "_due", lambda self: False)
+
+    def stopped_at_once(self):
+        self.learn_once()
+        self.save()
+        return False
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Runner, "train", stopped_at_once)
+        with pytest.raises(SimulationError, match="training of single_sgf was interrupted: the same command goes on"):
+            reproduce(config, tiny(tmp_path))
+    path, _ = module._train(config, "single_sgf", tiny(tmp_path))
+    assert load_checkpoint(Path(path))[1]["update"] == 3

@@ -70,6 +70,37 @@ def test_the_object_has_one_estimate_for_pose_and_field(make_env):
     torch.testing.assert_close(m.p_WK, s.p_WK)
 
 
+def test_the_filter_averages_the_object_pose_and_forgets(make_env):
+    half, tilt = 0.05, 0.087
+    env = noisy(make_env, 128, object_pos_m=half, object_rot_rad=tilt, object_filter_s=0.2)
+    s = env.snapshot()
+    for _ in range(60):
+        m = measure(env, s)
+    error = m.p_WO - s.p_WO
+    gain = env.config.control_dt_s / 0.2
+    settled = half / 3**0.5 * (gain / (2 - gain)) ** 0.5
+    assert error.std() == pytest.approx(settled, rel=0.2)
+    turn = m.R_WO @ s.R_WO.transpose(1, 2)
+    torch.testing.assert_close(turn @ turn.transpose(1, 2), torch.eye(3).expand(128, 3, 3), atol=1e-5, rtol=0)
+    assert (turn - torch.eye(3)).abs().max() < tilt
+    moved = replace(s, p_WO=s.p_WO + torch.tensor([0.0, 0.0, 1.0]))
+    for _ in range(10):
+        m = measure(env, moved)
+    assert (m.p_WO - s.p_WO)[:, 2].mean() == pytest.approx(1 - (1 - gain) ** 10, abs=0.02)
+
+
+def test_the_filter_takes_no_part_in_a_turn_of_the_robot(make_env):
+    env = noisy(make_env, 16, object_filter_s=0.5)
+    s = env.snapshot()
+    measure(env, s)
+    cos, sin = torch.cos(torch.tensor(1.0)), torch.sin(torch.tensor(1.0))
+    R = torch.tensor([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    turned = replace(s, p_WO=s.p_WP + (s.p_WO - s.p_WP) @ R.T, R_WO=R @ s.R_WO, R_WP=R @ s.R_WP, yaw=s.yaw + 1.0)
+    m = measure(env, turned)
+    torch.testing.assert_close(m.p_WO, turned.p_WO, atol=1e-5, rtol=0)
+    torch.testing.assert_close(m.R_WO, turned.R_WO, atol=1e-5, rtol=0)
+
+
 def test_a_wrong_heading_turns_all_that_is_seen_about_the_root(make_env):
     env = noisy(make_env, root_yaw_rad=0.3)
     s = env.snapshot()

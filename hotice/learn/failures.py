@@ -1,0 +1,63 @@
+"""Failures that a user can mend though no one raised a `HoticeError`: out of memory, a disk that is full or cannot be written.
+
+They can come from anywhere (an allocation in torch, a log, a cache), so they are told apart at the end, by what they are.
+"""
+
+from __future__ import annotations
+
+import errno
+import sys
+
+from hotice.errors import HoticeError, OutOfMemory, OutputError
+
+LOWER = {
+    "train": "lower --num-envs or --steps, or raise --minibatches",
+    "distill": "lower --num-envs, --steps or --aggregate, or raise --minibatches",
+    "finetune": "lower --num-envs or --steps, or raise --minibatches",
+    "evaluate": "lower --batch or --threads",
+    "play": "lower --rollouts, or give fewer scenes",
+    "benchmark": "lower --num-envs",
+    "reproduce": "lower --num-envs or --threads",
+    "pipeline": "lower --workers",
+}
+"""What needs the memory of a command."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FORBIDDEN = (errno.EROFS, errno.EACCES, errno.EPERM)
+BROKEN = (errno.EIO, errno.ESTALE)
+SAYINGS = (
+    "DefaultCPUAllocator",
+    "out of memory",
+    "Could not allocate memory",
+    "Failed to allocate",
+    "Cannot allocate memory",
+)
+"""How torch (CPU), CUDA, MuJoCo, Warp and the kernel say that memory ran out, in errors of no kind of their own."""
+
+
+def mendable(error: BaseException, command: str = "") -> HoticeError | None:
+    """What to tell the user of `command` instead of a traceback; None for an error that is a defect."""
+    if isinstance(error, HoticeError):
+        return error
+    if ran_out_of_memory(error):
+        mend = LOWER.get(command, "ask for less at once")
+        return OutOfMemory(f"out of memory{_where(error)}: {mend}; checkpoints and finished results are kept")
+    if isinstance(error, OSError) and error.errno in FULL + FORBIDDEN + BROKEN:
+        mend = "make room" if error.errno in FULL else "give a folder that can be written"
+        name = error.filename if error.filename is not None else "the output"
+        verb = "write" if error.errno in FULL else "use"
+        return OutputError(f"cannot {verb} {name}: {error.strerror}: {mend}; checkpoints and finished results are kept")
+    return None
+
+
+def ran_out_of_memory(error: BaseException) -> bool:
+    """Whether memory of the machine or of its GPU ran out."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    torch = sys.modules.get("torch")
+    if torch is not None and isinstance(error, torch.OutOfMemoryError):
+        return True
+    return isinstance(error, (RuntimeError, ValueError)) and any(words in str(error) for words in SAYINGS)
+
+
+def _where(error: BaseException) -> str:
+    return " on the GPU" if "CUDA" in str(error) or "cuda" in str(error) else ""

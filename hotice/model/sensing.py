@@ -1,0 +1,62 @@
+"""How well the robot knows its own state and the object's: noise, delays and refresh rate of its sensors, in numbers.
+
+`hotice.sim.sensing` applies them to a batch, `hotice.systems.sensor_model` to one robot in a diagram.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hotice.errors import InvalidConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensingConfig:
+    """Uniform noise of half width as named, delays and the rate of the root pose. Zero: none."""
+
+    joint_pos_rad: float = 0.0
+    """Joint angles (CAT: 0.03)."""
+    joint_vel_rad_s: float = 0.0
+    """Joint velocities (CAT: 1.5)."""
+    gravity: float = 0.0
+    """Components of the gravity direction (CAT: 0.05)."""
+    gyro_rad_s: float = 0.0
+    """Angular velocity of the pelvis (CAT: 0.2)."""
+    object_pos_m: float = 0.0
+    """Position of the object seen from the pelvis (CAT: 0.05)."""
+    object_rot_rad: float = 0.0
+    """Orientation of the object about each axis (CAT: 5 degrees)."""
+    object_filter_s: float = 0.0
+    """Time constant of the low-pass filter of the object's pose, in the pelvis frame, where a carried object hardly moves; the
+    first measurements of an episode are averaged (ours: 0.2; 0: every measurement is taken as it comes)."""
+    root_pos_m: float = 0.0
+    """Position of the root in the scene (ours: 0.02)."""
+    root_yaw_rad: float = 0.0
+    """Heading of the root in the scene (ours: 0.03)."""
+    root_hz: float = 0.0
+    """Rate at which the root's place and heading are refreshed (CAT: 10); 0: with every step."""
+    action_delay_s: float = 0.0
+    """Longest delay from observation to motor, drawn for each episode in physics steps (ours: 0.02)."""
+    sensor_delay_steps: int = 0
+    """Longest delay of what is measured, drawn for each episode in control steps (ours: 1)."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        if self.sensor_delay_steps not in (0, 1):
+            raise InvalidConfig(f"sensor_delay_steps is {self.sensor_delay_steps!r}: 0 or 1 is allowed")
+
+    @property
+    def exact(self) -> bool:
+        """Whether the actor reads the truth."""
+        return not any(vars(self).values())
+
+
+STUDENT_SENSING = SensingConfig(
+    joint_pos_rad=0.03, joint_vel_rad_s=1.5, gravity=0.05, gyro_rad_s=0.2, object_pos_m=0.05, object_rot_rad=0.087,
+    object_filter_s=0.2, root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0, action_delay_s=0.02, sensor_delay_steps=1,
+)  # fmt: skip
+"""What students are trained and evaluated under."""

@@ -1,0 +1,32 @@
+"""What composes: Drake LeafSystems, one concept a file, and `make_station`, which joins them into one Diagram.
+
+Every port is documented by its system: name, shape, unit, frame. Needs Drake; nothing here needs PyTorch.
+"""
+
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from hotice.errors import MissingExtra
+
+if find_spec("pydrake") is None:
+    raise MissingExtra("hotice.systems", "Drake", "drake")
+
+if TYPE_CHECKING:
+    from hotice.systems.recording import read_logs, write_diagram, write_html
+    from hotice.systems.station import Station, make_station
+    from hotice.systems.station_config import StationConfig
+
+_LAZY = {
+    "Station": "station", "StationConfig": "station_config", "make_station": "station",
+    "read_logs": "recording", "write_diagram": "recording", "write_html": "recording",
+}  # fmt: skip
+
+__all__ = ["Station", "StationConfig", "make_station", "read_logs", "write_diagram", "write_html"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)

@@ -1,0 +1,113 @@
+"""Any controller of `hotice.control` as a Drake system."""
+
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, LeafSystem, State
+
+from hotice.control import Command, Controller, Measurement
+from hotice.errors import InvalidStation
+from hotice.systems.signals import CONTACT_FORCE, JOINT_POS, JOINT_VEL, NQ, ROBOT_STATE
+
+Array = NDArray[np.float64]
+UNKNOWN_PHASE = -1.0
+TORQUE, PHASE, FAULTS = range(3)
+
+
+def measurement_of(
+    time_s: float, state: Array, contact_force: Array, origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Measurement:
+    """What a controller reads.
+
+    Args:
+        time_s: now. state: (84,) robot state; contact_force: (12,), see `signals`.
+        origin: x, y [m], yaw [rad] of the frame on the floor in which the controller works.
+    """
+    x, y, yaw = origin
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    R_GW = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    p_WG, half = np.array([x, y, 0.0]), -0.5 * yaw
+    turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+
+    def quat(q: Array) -> Array:
+        w, i, j, k = q
+        return np.array([turn[0] * w - turn[3] * k, turn[0] * i - turn[3] * j, turn[0] * j + turn[3] * i,
+                         turn[0] * k + turn[3] * w])  # fmt: skip
+
+    force = contact_force.reshape(4, 3) @ R_GW.T
+    return Measurement(
+        time_s=time_s, joint_pos=state[JOINT_POS], joint_vel=state[JOINT_VEL],
+        p_WP=R_GW @ (state[:3] - p_WG), quat_WP=quat(state[3:7]), v_WP=R_GW @ state[NQ : NQ + 3],
+        w_WP_P=state[NQ + 3 : NQ + 6].copy(), p_WO=R_GW @ (state[36:39] - p_WG), quat_WO=quat(state[39:43]),
+        v_WO=R_GW @ state[NQ + 35 : NQ + 38], w_WO_O=state[NQ + 38 :].copy(), foot_force_W=force[:2], hand_force_W=force[2:],
+    )  # fmt: skip
+
+
+class _Held:
+    """A controller's memory. Controllers never change the memory they are given, so copies of a Context share it."""
+
+    __slots__ = ("memory",)
+
+    def __init__(self, memory: Any) -> None:
+        self.memory = memory
+
+    def __deepcopy__(self, _: Any) -> _Held:
+        return _Held(self.memory)
+
+
+class ControllerSystem(LeafSystem):
+    """Steps the controller by a periodic unrestricted update at its own rate; its memory is abstract state.
+
+    Inputs `robot_state` (84,), `contact_force` (12,). Outputs `torque` (20,) [N m], held between steps; `phase` (1,): index
+    into `phases`, -1 for another; `faults` (1,): steps that were answered with a fallback.
+
+    Args:
+        controller: started at the first step.
+        phases: names that the controller gives its phases, for `phase`.
+        torque: (20,) [N m] before the first step.
+        origin: x, y [m], yaw [rad] of the frame in which the controller works, in W.
+    """
+
+    def __init__(
+        self, controller: Controller, phases: Sequence[str], torque: Array,
+        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:  # fmt: skip
+        super().__init__()
+        rate = float(controller.rate_hz)
+        if not (np.isfinite(rate) and rate > 0):
+            raise InvalidStation(f"the controller's rate_hz is {rate!r}: a finite number above 0 is needed")
+        self.controller, self.phases, self.origin = controller, tuple(phases), origin
+        groups = [self.DeclareDiscreteState(v) for v in (np.asarray(torque, float), [UNKNOWN_PHASE], np.zeros(1))]
+        self.DeclareAbstractState(AbstractValue.Make(_Held(None)))
+        self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
+        self._force = self.DeclareVectorInputPort("contact_force", CONTACT_FORCE)
+        for name, group in zip(("torque", "phase", "faults"), groups, strict=True):
+            self.DeclareStateOutputPort(name, group)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / rate, 0.0, self._act)
+
+    def memory(self, context: Context) -> Any:
+        """The controller's memory in this system's own Context; None before the first step."""
+        return context.get_abstract_state(0).get_value().memory
+
+    def _act(self, context: Context, state: State) -> None:
+        measurement = measurement_of(
+            context.get_time(), self._state.Eval(context), self._force.Eval(context), self.origin
+        )
+        memory = self.memory(context)
+        if memory is None:
+            memory = self.controller.start(measurement)
+        command: Command
+        command, memory = self.controller.step(memory, measurement)
+        phase = self.phases.index(command.phase) if command.phase in self.phases else UNKNOWN_PHASE
+        state.get_mutable_abstract_state(0).set_value(_Held(memory))
+        state.get_mutable_discrete_state(TORQUE).SetFromVector(command.torque)
+        state.get_mutable_discrete_state(PHASE).SetFromVector([float(phase)])
+        state.get_mutable_discrete_state(FAULTS).SetFromVector([float(command.faults)])

@@ -1,0 +1,230 @@
+"""The same robot, object and scene as a Drake MultibodyPlant, behind the ports of the MuJoCo plant."""
+
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import (
+    AddContactMaterial,
+    Box,
+    CollisionFilterDeclaration,
+    GeometryId,
+    GeometrySet,
+    ProximityProperties,
+    Role,
+    RoleAssign,
+    SceneGraph,
+    Shape,
+)  # fmt: skip
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    ContactResults,
+    CoulombFriction,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
+from pydrake.multibody.tree import PdControllerGains, SpatialInertia, UnitInertia
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
+
+from hotice.errors import NotAvailable
+from hotice.model import builder as models
+from hotice.model import g1
+from hotice.model.objects import CarriedObject
+from hotice.model.scene import Scene
+from hotice.systems.shapes import pose, primitive
+from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, TOUCHING_BODIES
+
+Array = NDArray[np.float64]
+STIFFNESS_N_M, DISSIPATION_S_M = 5e4, 10.0
+"""Of each contact point: a standing robot sinks in by less than 1 mm."""
+FLOOR_M = (100.0, 100.0, 1.0)
+"""A box: Drake warns of half spaces."""
+FRICTION = {"object": 2.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "trunk": 2.0 / 3.0, "robot": 1.0}
+"""Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palm and object 2, sole and floor 1, trunk and object 1."""
+
+
+class DrakePlant(Diagram):
+    """Lagged point contact at the points that MuJoCo's model has (four spheres a sole and a palm), joints 20.
+
+    Input `actuation` (20,): torques [N m], or with `servo` targets [rad] of Drake's implicit joint servos.
+    Outputs `state` (67,): [q; v] of the plant; `contact_force` (12,): see `signals`.
+    `index` (66,): see `DrakeStateAdaptor`. `plant`, `scene_graph`: Drake's.
+
+    Args:
+        scene: obstacles; triangle meshes are refused.
+        carried: the object. wrist_pos: (6,) angles of the welded wrists [rad].
+        qpos: (34,) where the default Context starts, in MuJoCo's order. time_step_s: of the plant.
+        servo: whether commands are joint targets.
+
+    Raises:
+        NotAvailable: an obstacle is a triangle mesh, which Drake's point contact replaces by its convex hull.
+    """
+
+    def __init__(
+        self, scene: Scene, carried: CarriedObject, wrist_pos: Array, qpos: Array, time_step_s: float, servo: bool
+    ) -> None:  # fmt: skip
+        Diagram.__init__(self)
+        builder = DiagramBuilder()
+        config = MultibodyPlantConfig(
+            time_step=time_step_s, contact_model="point", discrete_contact_approximation="lagged",
+            use_sampled_output_ports=False,
+        )  # fmt: skip
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+        (robot,) = models.add_to_plant(plant, 20, wrist_pos)
+        groups = _robot_geometry(plant, scene_graph)
+        groups["object"] = [_add_object(plant, carried)]
+        floor = RigidTransform([0.0, 0.0, -0.5 * FLOOR_M[2]])
+        groups["floor"] = [_add_fixed(plant, floor, Box(*FLOOR_M), "floor", "floor")]
+        groups["obstacle"] = [
+            _add_fixed(plant, pose(o.position_m, o.quaternion_wxyz), _shape(o), o.name, "obstacle")
+            for o in scene.obstacles
+        ]
+        _filter(scene_graph, groups)
+        if servo:
+            for joint, kp, kd in zip(g1.ACTION_JOINTS, *g1.gains(), strict=True):
+                actuator = plant.GetJointActuatorByName(joint.removesuffix("_joint"))
+                actuator.set_controller_gains(PdControllerGains(p=kp, d=kd))
+        plant.Finalize()
+        self.plant, self.scene_graph = plant, scene_graph
+        self.index = _index(plant)
+        _check_order(plant, robot)
+        plant.SetDefaultPositions(self._positions(qpos))
+        self._add_ports(builder, robot, servo)
+        builder.BuildInto(self)
+
+    def _add_ports(self, builder: DiagramBuilder, robot: Any, servo: bool) -> None:
+        plant = self.plant
+        if servo:
+            desired = builder.AddNamedSystem("desired_state", Multiplexer([NUM_JOINTS, NUM_JOINTS]))
+            rest = builder.AddNamedSystem("at_rest", ConstantVectorSource(np.zeros(NUM_JOINTS)))
+            builder.Connect(rest.get_output_port(), desired.get_input_port(1))
+            builder.Connect(desired.get_output_port(), plant.get_desired_state_input_port(robot))
+            builder.ExportInput(desired.get_input_port(0), "actuation")
+        else:
+            builder.ExportInput(plant.get_actuation_input_port(robot), "actuation")
+        touch = builder.AddNamedSystem("contact_forces", _ContactForces(plant))
+        builder.Connect(plant.get_contact_results_output_port(), touch.get_input_port())
+        builder.ExportOutput(plant.get_state_output_port(), "state")
+        builder.ExportOutput(touch.get_output_port(), "contact_force")
+
+    def _positions(self, qpos: Array) -> Array:
+        q = np.zeros(self.plant.num_positions())
+        q[self.index[:34]] = np.concatenate([qpos[3:7], qpos[:3], qpos[7:27], qpos[30:34], qpos[27:30]])
+        return q
+
+    def set_state(self, context: Context, qpos: Array) -> None:
+        """Puts this diagram's Context into a configuration (34,) in MuJoCo's order, at rest."""
+        mine = self.plant.GetMyMutableContextFromRoot(context)
+        self.plant.SetPositionsAndVelocities(
+            mine, np.concatenate([self._positions(qpos), np.zeros(self.plant.num_velocities())])
+        )
+
+
+class _ContactForces(LeafSystem):
+    """Input the plant's contact results; output `contact_force` (12,), see `signals`."""
+
+    def __init__(self, plant: MultibodyPlant) -> None:
+        super().__init__()
+        self._touching = {plant.GetBodyByName(name).index(): i for i, name in enumerate(TOUCHING_BODIES)}
+        self._results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
+        self.DeclareVectorOutputPort("contact_force", CONTACT_FORCE, self._output)
+
+    def _output(self, context: Context, output: BasicVector) -> None:
+        results = self._results.Eval(context)
+        force = np.zeros((len(TOUCHING_BODIES), 3))
+        for i in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(i)
+            on_B_W = info.contact_force()
+            for body, sign in ((info.bodyA_index(), -1.0), (info.bodyB_index(), 1.0)):
+                if body in self._touching:
+                    force[self._touching[body]] += sign * on_B_W
+        output.SetFromVector(force.ravel())
+
+
+def _properties(kind: str) -> ProximityProperties:
+    properties, mu = ProximityProperties(), FRICTION[kind]
+    AddContactMaterial(
+        dissipation=DISSIPATION_S_M, point_stiffness=STIFFNESS_N_M, friction=CoulombFriction(mu, mu), properties=properties
+    )  # fmt: skip
+    return properties
+
+
+def _robot_geometry(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict[str, list[GeometryId]]:
+    """The robot's geometries: all, and those that neither floor nor object meets; sets their materials."""
+    bits = {}
+    model = models.robot_spec(20).compile()
+    for i in range(model.ngeom):
+        bits[model.geom(i).name] = int(model.geom_conaffinity[i])
+    groups: dict[str, list[GeometryId]] = {"robot": [], "no_floor": [], "no_object": []}
+    inspector = scene_graph.model_inspector()
+    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
+        name = inspector.GetName(geometry).split("::")[-1]
+        if name not in bits:
+            continue
+        groups["robot"].append(geometry)
+        if not bits[name] & models.FLOOR:
+            groups["no_floor"].append(geometry)
+        if not bits[name] & models.OBJECT:
+            groups["no_object"].append(geometry)
+        meets_object = bool(bits[name] & models.OBJECT)
+        kind = "palm" if "_palm_" in name else "trunk" if meets_object else "robot"
+        scene_graph.AssignRole(plant.get_source_id(), geometry, _properties(kind), RoleAssign.kReplace)
+    return groups
+
+
+def _filter(scene_graph: SceneGraph, groups: dict[str, list[GeometryId]]) -> None:
+    """Leaves the pairs that MuJoCo's model lets collide, see `hotice.model.builder`."""
+    sets = {name: GeometrySet(ids) for name, ids in groups.items()}
+    rules = CollisionFilterDeclaration()
+    rules.ExcludeWithin(sets["robot"])
+    rules.ExcludeBetween(sets["no_floor"], sets["floor"])
+    rules.ExcludeBetween(sets["no_object"], sets["object"])
+    scene_graph.collision_filter_manager().Apply(rules)
+
+
+def _add_object(plant: MultibodyPlant, carried: CarriedObject) -> GeometryId:
+    unit = UnitInertia(*(np.array(carried.inertia_diag_kgm2) / carried.mass_kg))
+    body = plant.AddRigidBody(
+        models.OBJECT_BODY, plant.AddModelInstance(models.OBJECT_BODY), SpatialInertia(carried.mass_kg, np.zeros(3), unit)
+    )  # fmt: skip
+    shape = primitive(*carried.mujoco_geom())
+    plant.RegisterVisualGeometry(body, RigidTransform(), shape, "object", np.array([0.80, 0.60, 0.35, 1.0]))
+    return plant.RegisterCollisionGeometry(body, RigidTransform(), shape, "object", _properties("object"))
+
+
+def _add_fixed(plant: MultibodyPlant, X_WG: RigidTransform, shape: Shape, name: str, kind: str) -> GeometryId:
+    return plant.RegisterCollisionGeometry(plant.world_body(), X_WG, shape, name, _properties(kind))
+
+
+def _shape(obstacle: Any) -> Shape:
+    if obstacle.shape.type == "mesh":
+        raise NotAvailable(
+            f"obstacle {obstacle.name!r} is a triangle mesh, which plant 'drake' cannot touch exactly: use plant 'mujoco'"
+        )
+    return primitive(*obstacle.shape.mujoco_geom())
+
+
+def _index(plant: MultibodyPlant) -> Array:
+    """Places in [q; v], see `DrakeStateAdaptor`."""
+    q, v, nq = [], [], plant.num_positions()
+    for name in (g1.ROOT_BODY, models.OBJECT_BODY):
+        body = plant.GetBodyByName(name)
+        q.append(body.floating_positions_start() + np.arange(7))
+        v.append(body.floating_velocities_start_in_v() + np.arange(6))
+    joints = [plant.GetJointByName(name) for name in g1.ACTION_JOINTS]
+    q.insert(1, np.array([j.position_start() for j in joints]))
+    v.insert(1, np.array([j.velocity_start() for j in joints]))
+    return np.concatenate([*q, *(nq + part for part in v)])
+
+
+def _check_order(plant: MultibodyPlant, robot: Any) -> None:
+    names = [plant.get_joint_actuator(i).joint().name() for i in plant.GetJointActuatorIndices(robot)]
+    assert tuple(names) == g1.ACTION_JOINTS, names

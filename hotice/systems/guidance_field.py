@@ -1,0 +1,33 @@
+"""The guidance fields as the robot reads them: vectors at its keypoints and the command they make."""
+
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false
+
+from __future__ import annotations
+
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from hotice.fields.hod_pf import HodPf
+from hotice.policies.guidance import read_fields
+from hotice.policies.percept import Percept
+from hotice.policies.policy_task import PolicyTask
+from hotice.systems.signals import GUIDANCE, PERCEPT
+
+
+class GuidanceFieldSystem(LeafSystem):
+    """Input `percept` (119,). Output `guidance` (82,): `FieldReading`, in W [m/s, m, rad].
+
+    Args:
+        pf: both fields of the scene.
+        task: constants of the command, and which field hands and object read.
+    """
+
+    def __init__(self, pf: HodPf, task: PolicyTask) -> None:
+        super().__init__()
+        self.pf, self.task = pf, task
+        self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
+        self.DeclareVectorOutputPort("guidance", GUIDANCE, self._output)
+
+    def _output(self, context: Context, output: BasicVector) -> None:
+        percept = Percept(self._percept.Eval(context))
+        output.SetFromVector(read_fields(self.pf, percept, self.task).vector)

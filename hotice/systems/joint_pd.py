@@ -1,0 +1,55 @@
+"""Joint servos: τ = kp (q* − q) − kd q̇, cut at the torque limit."""
+
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Adder, Demultiplexer, Gain, Saturation
+
+from hotice.model import g1
+from hotice.systems.signals import NUM_JOINTS, torque_limits
+
+Array = NDArray[np.float64]
+
+
+def pd_torque(target: Array, q: Array, qd: Array, kp: Array, kd: Array, limit: Array) -> Array:
+    """Torques (20,) [N m] of targets and angles (20,) [rad], velocities (20,) [rad/s], gains and limits (20,)."""
+    torque = kp * (target - q)
+    torque -= kd * qd
+    return np.minimum(np.maximum(torque, -limit, out=torque), limit, out=torque)
+
+
+class JointPd(Diagram):
+    """Inputs `joint_target` (20,) [rad] and `joint_state` (40,) q [rad], q̇ [rad/s]; output `torque` (20,) [N m].
+
+    Gains are those of `g1.gains`. Made of Drake's own blocks, so that the torque loop runs without Python; bit for bit
+    `pd_torque`.
+    """
+
+    def __init__(self) -> None:
+        Diagram.__init__(self)
+        kp, kd = g1.gains()
+        limit = torque_limits()
+        builder = DiagramBuilder()
+        split = builder.AddNamedSystem("split", Demultiplexer([NUM_JOINTS, NUM_JOINTS]))
+        minus = builder.AddNamedSystem("minus", Gain(-1.0, NUM_JOINTS))
+        error = builder.AddNamedSystem("error", Adder(2, NUM_JOINTS))
+        stiffness = builder.AddNamedSystem("stiffness", Gain(kp))
+        damping = builder.AddNamedSystem("damping", Gain(-kd))
+        total = builder.AddNamedSystem("total", Adder(2, NUM_JOINTS))
+        cut = builder.AddNamedSystem("cut", Saturation(-limit, limit))
+        builder.ExportInput(error.get_input_port(0), "joint_target")
+        builder.ExportInput(split.get_input_port(0), "joint_state")
+        builder.Connect(split.get_output_port(0), minus.get_input_port())
+        builder.Connect(minus.get_output_port(), error.get_input_port(1))
+        builder.Connect(error.get_output_port(), stiffness.get_input_port())
+        builder.Connect(split.get_output_port(1), damping.get_input_port())
+        builder.Connect(stiffness.get_output_port(), total.get_input_port(0))
+        builder.Connect(damping.get_output_port(), total.get_input_port(1))
+        builder.Connect(total.get_output_port(), cut.get_input_port())
+        builder.ExportOutput(cut.get_output_port(), "torque")
+        builder.BuildInto(self)

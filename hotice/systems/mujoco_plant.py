@@ -1,0 +1,124 @@
+"""The robot, its object and its scene in MuJoCo, as a Drake system."""
+
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from hotice.errors import InvalidStation, SimulationError
+from hotice.model import builder
+from hotice.systems.signals import CONTACT_FORCE, TOUCHING_BODIES
+
+Array = NDArray[np.float64]
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class MujocoPlant(LeafSystem):
+    """A compiled model whose whole state is one flat vector in the Context; `MjData` is scratch.
+
+    The vector is MuJoCo's `mjSTATE_INTEGRATION` (time, qpos, qvel, warm start, controls, ...): stepping is bitwise that of
+    `mj_step` in a loop, and a cloned Context replays identically.
+
+    Input `actuation` (nu,): what the model's actuators take: torques [N m] of motors, targets [rad] of servos.
+    Outputs `state` (nq + nv,): qpos and qvel; `contact_force` (12,): see `signals`, under the last controls;
+    `full_state` (n,): the flat vector itself.
+
+    Args:
+        model: robot (20 joints), object and obstacles, of `builder.build_model`.
+        qpos: (nq,) where the default Context starts, at rest; ctrl: (nu,) the controls before the first step.
+        period_s: for which a control is held: a multiple of the model's time step (default: one).
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, qpos: ArrayLike, ctrl: ArrayLike, period_s: float | None = None
+    ) -> None:  # fmt: skip
+        super().__init__()
+        self.model = model
+        self._data, self._scratch = mujoco.MjData(model), mujoco.MjData(model)
+        self._holds = b""  # the state that `_data` was left in
+        self.nq, self.nv, self.nu = model.nq, model.nv, model.nu
+        self._touching = {model.body(name).id: i for i, name in enumerate(TOUCHING_BODIES)}
+        self.size, self.first = (mujoco.mj_stateSize(model, part) for part in (STATE, mujoco.mjtState.mjSTATE_TIME))
+        self._motion = slice(self.first, self.first + self.nq + self.nv)  # qpos and qvel follow the time
+        index = self.DeclareDiscreteState(self.state_vector(qpos, ctrl=ctrl))
+        only_state = {self.discrete_state_ticket(index)}
+        self._actuation = self.DeclareVectorInputPort("actuation", self.nu)
+        self.DeclareVectorOutputPort("state", self.nq + self.nv, self._output_state, only_state)
+        self.DeclareVectorOutputPort("contact_force", CONTACT_FORCE, self._output_contact_force, only_state)
+        self.DeclareStateOutputPort("full_state", index)
+        self._steps = 1 if period_s is None else round(period_s / model.opt.timestep)
+        if self._steps < 1:
+            raise InvalidStation(f"period_s is {period_s!r}: at least the time step {model.opt.timestep:g} s is needed")
+        self.DeclarePeriodicDiscreteUpdateEvent(self._steps * model.opt.timestep, 0.0, self._step)
+
+    def state_vector(
+        self, qpos: ArrayLike, qvel: ArrayLike | None = None, ctrl: ArrayLike | None = None, time_s: float = 0.0
+    ) -> Array:
+        """The flat state of a configuration. Raises `InvalidStation` for arrays of the wrong size."""
+        data = mujoco.MjData(self.model)
+        for name, value, target in (("qpos", qpos, data.qpos), ("qvel", qvel, data.qvel), ("ctrl", ctrl, data.ctrl)):
+            if value is not None:
+                array = np.asarray(value, dtype=float)
+                if array.shape != target.shape:
+                    raise InvalidStation(f"{name} has shape {array.shape}: this model needs {target.shape}")
+                target[:] = array
+        data.time = time_s
+        state = np.empty(self.size)
+        mujoco.mj_getState(self.model, data, state, STATE)
+        return state
+
+    def set_state(self, context: Context, qpos: ArrayLike, qvel: ArrayLike | None = None) -> None:
+        """Puts the plant's own Context into a configuration, without warm start."""
+        context.SetDiscreteState(self.state_vector(qpos, qvel, time_s=context.get_time()))
+
+    def hits(self, context: Context) -> tuple[bool, bool]:
+        """Whether robot and object touch an obstacle in the present state."""
+        if mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, builder.HIT_SENSORS[0]) < 0:
+            return False, False
+        self._forward(context)
+        robot, carried = (bool(self._scratch.sensor(name).data[0] > 0) for name in builder.HIT_SENSORS)
+        return robot, carried
+
+    def _step(self, context: Context, discrete_state: DiscreteValues) -> None:
+        model, data = self.model, self._data
+        state = context.get_discrete_state_vector().value()
+        if state.tobytes() != self._holds:  # another Context than the last step's, or one that was set
+            mujoco.mj_setState(model, data, state, STATE)
+        data.ctrl[:] = self._actuation.Eval(context)
+        mujoco.mj_step(model, data, self._steps)
+        new = np.empty(self.size)
+        mujoco.mj_getState(model, data, new, STATE)
+        self._holds = new.tobytes()
+        if not math.isfinite(new.dot(new)):
+            raise SimulationError(f"physics diverged at {context.get_time():.3f} s: the state is not finite")
+        discrete_state.set_value(new)
+
+    def _output_state(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state_vector().value()[self._motion])
+
+    def _output_contact_force(self, context: Context, output: BasicVector) -> None:
+        self._forward(context)
+        model, data = self.model, self._scratch
+        force, wrench = np.zeros((len(TOUCHING_BODIES), 3)), np.empty(6)
+        for i in range(data.ncon):
+            contact = data.contact[i]
+            bodies = model.geom_bodyid[contact.geom]
+            mujoco.mj_contactForce(model, data, i, wrench)
+            on_second_W = (
+                contact.frame.reshape(3, 3).T @ wrench[:3]
+            )  # its x axis points from the first geom to the second
+            for body, sign in zip(bodies, (-1.0, 1.0), strict=True):
+                if int(body) in self._touching:
+                    force[self._touching[int(body)]] += sign * on_second_W
+        output.SetFromVector(force.ravel())
+
+    def _forward(self, context: Context) -> None:
+        mujoco.mj_setState(self.model, self._scratch, context.get_discrete_state_vector().value(), STATE)
+        mujoco.mj_forward(self.model, self._scratch)

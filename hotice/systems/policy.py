@@ -1,0 +1,105 @@
+"""The carrying policy (both agents, one ONNX file) as a Drake system."""
+
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from hotice.model.carry import CarryState
+from hotice.policies import PolicySession, PolicyTask
+from hotice.policies.guidance import FieldReading
+from hotice.policies.observation import LAYOUT, Carrying, observe
+from hotice.policies.percept import Percept
+from hotice.policies.policy_file import check_layout
+from hotice.systems.signals import GUIDANCE, NUM_JOINTS, PERCEPT
+
+Array = NDArray[np.float64]
+TARGET, MEMORY = range(2)
+"""Groups of the state: joint target (20,) [rad]; last action (20,), the target before (20,) [rad], step clock [rad] and time
+of the action [s]."""
+ACTION, HELD, PHASE, SINCE = slice(0, 20), slice(20, 40), 40, 41
+
+
+class PolicySystem(LeafSystem):
+    """Acts every control period.
+
+    By a periodic *unrestricted* update, which Drake runs before the discrete updates of the same instant: the plant's step
+    that begins now feels the action made from the state now.
+
+    Inputs `percept` (119,), `guidance` (82,); `active` (1,), optional: while it is 0 the policy rests, its clock stands and
+    the target is the carry state's. Outputs `joint_target` (20,) [rad], absolute; `action` (20,), unitless.
+    The state holds the last action, the last two targets, the step clock and when the action was made.
+
+    Args:
+        policy: the file; `carry`: what it carries and how.
+        latency_s: time from an action to its arrival at the motors, at most the control period.
+        phase_rad: step clock of the left leg at the start, 0 or pi.
+
+    Raises:
+        CheckpointError: the policy reads another observation.
+    """
+
+    def __init__(
+        self, policy: PolicySession, carry: CarryState, latency_s: float = 0.0, phase_rad: float = 0.0
+    ) -> None:
+        super().__init__()
+        check_layout(policy.name, policy.layout, LAYOUT)
+        self.policy = policy
+        self.task = PolicyTask.from_meta(policy.meta, policy.name)
+        self._carrying, self._target = Carrying.of(carry), np.asarray(carry.joint_target, dtype=float)
+        self._scale, self._latency = self.task.action_scale, latency_s
+        self._phase_step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
+        self._rest = (self._target, np.concatenate([np.zeros(NUM_JOINTS), self._target, [phase_rad, -1.0]]))
+        groups = [self.DeclareDiscreteState(rest) for rest in self._rest]
+        self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
+        self._guidance = self.DeclareVectorInputPort("guidance", GUIDANCE)
+        self._active = self.DeclareVectorInputPort("active", 1)
+        if latency_s:
+            reads = {self.all_state_ticket(), self.time_ticket()}
+            self.DeclareVectorOutputPort("joint_target", NUM_JOINTS, self._output_target, reads)
+        else:
+            self.DeclareStateOutputPort("joint_target", groups[TARGET])
+        remembered = {self.discrete_state_ticket(groups[MEMORY])}
+        self.DeclareVectorOutputPort("action", NUM_JOINTS, self._output_action, remembered)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
+
+    def observation(self, context: Context) -> NDArray[np.float32]:
+        """What the policy would read now, (241,); rows as in `hotice.policies.observation.LAYOUT`."""
+        percept = Percept(self._percept.Eval(context))
+        reading = FieldReading(self._guidance.Eval(context))
+        memory = context.get_discrete_state(MEMORY).value()
+        return observe(percept, reading, self._carrying, memory[ACTION], float(memory[PHASE]))
+
+    def _act(self, context: Context, state: State) -> None:
+        if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
+            for group, rest in enumerate(self._rest):
+                state.get_mutable_discrete_state(group).SetFromVector(rest)
+            return
+        raw = self.policy.run(self.observation(context)[None])[0].astype(float)
+        action = next_action(raw, self.task.action_limit)
+        phase = (context.get_discrete_state(MEMORY).value()[PHASE] + self._phase_step) % (2.0 * math.pi)
+        target = state.get_mutable_discrete_state(TARGET)
+        memory = np.concatenate([action, target.value(), (phase, context.get_time())])
+        target.SetFromVector(self._target + self._scale * action)
+        state.get_mutable_discrete_state(MEMORY).SetFromVector(memory)
+
+    def _output_target(self, context: Context, output: BasicVector) -> None:
+        memory = context.get_discrete_state(MEMORY).value()
+        early = context.get_time() < memory[SINCE] + self._latency - 1e-9
+        output.SetFromVector(memory[HELD] if early else context.get_discrete_state(TARGET).value())
+
+    def _output_action(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state(MEMORY).value()[ACTION])
+
+
+def next_action(raw: Array, limit: float) -> Array:
+    """What the environment makes of a network's output (20,): finite, within ± `limit`."""
+    if not math.isfinite(raw.dot(raw)):
+        raw = np.nan_to_num(raw, nan=0.0)
+    return np.minimum(np.maximum(raw, -limit), limit)

@@ -1,0 +1,170 @@
+"""What the robot's sensors and estimators make of the true state: noise, delay, a root pose refreshed now and then.
+
+The one-robot twin of `hotice.sim.sensing.Sensors`, with the state of its random numbers in the Context.
+"""
+
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from hotice.model.frames import quat_from_axis_angle, quat_to_mat
+from hotice.model.objects import CarriedObject
+from hotice.model.sensing import SensingConfig
+from hotice.policies.percept import Percept, PerceptModel
+from hotice.systems.signals import NQ, PERCEPT, ROBOT_STATE
+
+Array = NDArray[np.float64]
+DRAWS = 55
+"""Uniform numbers a measurement takes: heading 1, place 2, object 3 + 3, joints 20 + 20, gravity 3, gyro 3."""
+ESTIMATE = 13
+"""Numbers of an estimate: the root's x, y [m], sine and cosine of its heading, then of the object in P its position [m] and
+first two axes."""
+_ESTIMATE, _AGE, _LATE, _SEED, _LAST = slice(0, 13), 13, 14, 15, slice(16, 16 + PERCEPT)
+
+
+def measure(
+    true: Percept,
+    estimate: Array,
+    draws: Array,
+    config: SensingConfig,
+    world_aligned: bool,
+    joint_offset: Array | float = 0.0,
+    *,
+    refresh: bool = True,
+    gain: float = 1.0,
+) -> tuple[Percept, Array]:
+    """A measurement of a true percept, and the estimate of root and object behind it.
+
+    Args:
+        true: the percept without noise.
+        estimate: (13,) the last one, see `ESTIMATE`.
+        draws: (55,) uniform numbers in [-1, 1).
+        config: half widths of the noise.
+        world_aligned: keypoints of the object keep world directions (spheres).
+        joint_offset: (20,) error of the encoders [rad].
+        refresh: whether the root's place is measured anew.
+        gain: weight of the newest pose of the object; 1 forgets all others.
+    """
+    u_yaw, u_root, u_pos, u_rot, u_q, u_qd, u_gravity, u_gyro = np.split(draws, [1, 3, 6, 9, 29, 49, 52])
+    root = estimate[:4]
+    if refresh:
+        seen = true.yaw + config.root_yaw_rad * u_yaw
+        place = true.p_WP[:2] + config.root_pos_m * u_root
+        root = np.concatenate([place, np.sin(seen), np.cos(seen)])
+    p_WP = np.array([root[0], root[1], true.p_WP[2]])
+    yaw = np.arctan2(root[2:3], root[3:4])
+    turn = float(yaw[0] - true.yaw[0])
+    cos, sin = np.cos(turn), np.sin(turn)
+    R_EW = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])  # into the estimated world frame
+    p_PO = true.p_WO - true.p_WP + config.object_pos_m * u_pos
+    tilt = config.object_rot_rad * u_rot
+    R_tilt = quat_to_mat(quat_from_axis_angle(tilt, np.linalg.norm(tilt)))
+    R_WP = _attitude(true)
+    newest = np.vstack([p_PO, (R_tilt @ true.R_WO)[:, :2].T]) @ R_WP
+    seen_object = newest if gain >= 1.0 else estimate[4:].reshape(3, 3) + gain * (newest - estimate[4:].reshape(3, 3))
+    if gain < 1.0:
+        p_PO, x, y = seen_object @ R_WP.T
+        x = x / np.linalg.norm(x)
+        z = np.cross(x, y)
+        z = z / np.linalg.norm(z)
+        R_tilt = np.column_stack([x, np.cross(z, x), z]) @ true.R_WO.T
+    p_WO = p_WP + R_EW @ p_PO
+    arms = true.p_WOK - true.p_WO
+    percept = Percept.of(
+        p_WP=p_WP, yaw=yaw, gravity_P=true.gravity_P + config.gravity * u_gravity,
+        w_WP_P=true.w_WP_P + config.gyro_rad_s * u_gyro, q=true.q + joint_offset + config.joint_pos_rad * u_q,
+        qd=true.qd + config.joint_vel_rad_s * u_qd, p_WK=p_WP + (true.p_WK - true.p_WP) @ R_EW.T, p_WO=p_WO,
+        R_WO=R_EW @ R_tilt @ true.R_WO, p_WOK=p_WO + (arms if world_aligned else arms @ (R_EW @ R_tilt).T),
+    )  # fmt: skip
+    return percept, np.concatenate([root, seen_object.ravel()])
+
+
+def _attitude(true: Percept) -> Array:
+    """R_WP (3, 3) of a true percept, from its heading and the direction of gravity."""
+    along, across, up = -true.gravity_P
+    level = np.hypot(across, up)
+    R_YP = np.array([
+        [level, -along * across / level, -along * up / level], [0.0, up / level, -across / level], [along, across, up],
+    ])  # fmt: skip
+    cos, sin = np.cos(true.yaw[0]), np.sin(true.yaw[0])
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ R_YP
+
+
+def draw_delays(config: SensingConfig, control_dt_s: float, substeps: int, seed: int) -> tuple[bool, float]:
+    """Whether measurements of an episode come one control step late, and its time from action to motor [s].
+
+    `substeps`: physics steps of a control step, the unit in which the latter is drawn.
+    """
+    rng = np.random.Generator(np.random.Philox(key=seed))
+    late = bool(rng.random() < 0.5) if config.sensor_delay_steps else False
+    longest = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
+    return late, int(rng.integers(0, longest + 1)) * control_dt_s / substeps
+
+
+class SensorModel(LeafSystem):
+    """Input `robot_state` (84,), true. Output `percept` (119,): the measurement of this control step.
+
+    The state holds the estimate of root and object, the number of measurements, the seed and, for late sensors, the last percept:
+    measurement k takes its random numbers from a generator that counts (Philox, key seed, counter k), so a cloned
+    Context draws the same. Read it at multiples of the control period; in between it shows the next one early.
+
+    Args:
+        carried: the object.
+        config: noise and delay.
+        control_dt_s: period of the measurements.
+        seed: of the noise.
+        late: whether measurements come one control step late (see `draw_delays`).
+    """
+
+    def __init__(
+        self, carried: CarriedObject, config: SensingConfig, control_dt_s: float, seed: int = 0, late: bool = False
+    ) -> None:  # fmt: skip
+        super().__init__()
+        self.config = config
+        self._true = PerceptModel(carried)
+        self._world_aligned = carried.keypoints_world_aligned
+        self._hold = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
+        self._gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
+        self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
+        if config.exact:
+            self.DeclareVectorOutputPort("percept", PERCEPT, self._output)
+            return
+        start = np.zeros(ESTIMATE + 3 + PERCEPT)
+        start[_LATE] = late
+        start[_SEED] = seed
+        self.DeclareDiscreteState(start)
+        self.DeclareVectorOutputPort("percept", PERCEPT, self._output)
+        self.DeclarePeriodicDiscreteUpdateEvent(control_dt_s, 0.0, self._update)
+
+    def _output(self, context: Context, output: BasicVector) -> None:
+        if self.config.exact:
+            output.SetFromVector(self._truth(context).vector)
+            return
+        held = context.get_discrete_state_vector().value()
+        late = held[_LATE] and held[_AGE] > 0
+        output.SetFromVector(held[_LAST] if late else self._measure(context)[0].vector)
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        percept, estimate = self._measure(context)
+        held = context.get_discrete_state_vector().value()
+        new = np.concatenate([estimate, held[_AGE : _SEED + 1], percept.vector])
+        new[_AGE] += 1
+        discrete_state.set_value(new)
+
+    def _truth(self, context: Context) -> Percept:
+        state = self._state.Eval(context)
+        return self._true(state[:NQ], state[NQ:])
+
+    def _measure(self, context: Context) -> tuple[Percept, Array]:
+        held = context.get_discrete_state_vector().value()
+        count = int(held[_AGE])
+        rng = np.random.Generator(np.random.Philox(key=int(held[_SEED]), counter=[0, 0, 0, count + 1]))
+        return measure(
+            self._truth(context), held[_ESTIMATE], rng.uniform(-1.0, 1.0, DRAWS), self.config, self._world_aligned,
+            refresh=count % self._hold == 0, gain=max(self._gain, 1.0 / (count + 1)),
+        )  # fmt: skip

@@ -1,0 +1,43 @@
+"""Layouts of the vectors that go through more than one port.
+
+`robot_state` (84,): `RobotState.to_mujoco(29)` of the robot with its object, whatever simulates it:
+
+| Part | Size | Content |
+|---|---|---|
+| qpos | 43 | p_WP [m], quat_WP wxyz, 29 joint angles [rad] (`g1.ALL_JOINTS`), p_WO [m], quat_WO wxyz |
+| qvel | 41 | v_WP [m/s] in W, w_WP [rad/s] in P, 29 joint velocities, v_WO in W, w_WO in O |
+
+`joint_target` and `torque` (20,): order `g1.ACTION_JOINTS`, [rad] and [N m].
+`percept` (119,) and `guidance` (82,): the vectors of `Percept` and `FieldReading` in `hotice.policies`.
+`contact_force` (12,): of the world and the object on left foot, right foot, left hand, right hand, in W [N].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hotice.model import g1
+from hotice.model.robot_state import joint_index
+from hotice.policies.guidance import FieldReading
+from hotice.policies.percept import Percept
+
+NUM_JOINTS = len(g1.ACTION_JOINTS)
+NQ, NV = 43, 41
+ROBOT_STATE = NQ + NV
+PERCEPT, GUIDANCE = Percept.SIZE, FieldReading.SIZE
+CONTACT_FORCE = 12
+OBJECT_POS = slice(36, 39)
+JOINT_POS = 7 + joint_index(20)
+"""Where the 20 actuated joint angles are in `robot_state`, (20,)."""
+JOINT_VEL = NQ + 6 + joint_index(20)
+"""Where their velocities are, (20,)."""
+TOUCHING_BODIES = tuple(f"{side}_{link}" for link in ("ankle_roll_link", "wrist_yaw_link") for side in g1.SIDES)
+"""Bodies of the four parts of `contact_force`."""
+
+
+def torque_limits() -> np.ndarray:
+    """Largest torque of each actuated joint, (20,) [N m], from the robot's description."""
+    from hotice.model import builder
+
+    spec = builder.robot_spec(20).compile()
+    return spec.actuator_forcerange[:, 1].copy()

@@ -1,0 +1,181 @@
+"""The controllers of a station: from what the robot perceives to the command of its motors."""
+
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportArgumentType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
+
+from hotice.errors import NotAvailable
+from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
+from hotice.model.scene import Obstacle, Scene
+from hotice.model.shapes import BoxShape
+from hotice.systems.compose import connect
+from hotice.systems.controller_system import ControllerSystem
+from hotice.systems.joint_pd import JointPd
+from hotice.systems.mode_selector import HandOver, ModeSelector
+from hotice.systems.policy import PolicySystem
+
+if TYPE_CHECKING:
+    from hotice.systems.station import Station
+
+CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
+"""hold: the carry state's joint targets, without a policy: standing with the object."""
+TORQUE_CONTROLLERS = ("walk", "pickup", "pickup_then_policy")
+WALK_PHASES = ("shift", "swing", "double", "stand")
+SUPPORT = "support"
+TABLE_M = (0.40, 0.60)
+"""Depth and width of the table's top."""
+Array = NDArray[np.floating]
+Source = tuple[System, str]
+
+
+class HeldPosture(LeafSystem):
+    """Output `joint_target` (20,) [rad], constant."""
+
+    def __init__(self, target: Array) -> None:
+        super().__init__()
+        self.DeclareVectorOutputPort(
+            "joint_target", len(target), lambda _, output: output.SetFromVector(target), {self.nothing_ticket()}
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensed:
+    """What controllers may read: systems and the names of their ports."""
+
+    robot_state: Source
+    joint_state: Source
+    contact_force: Source
+    percept: Source
+    guidance: Source
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PickSetting:
+    """A pick-up before it begins, in W.
+
+    controller: of `hotice.control.pickup`; origin: x, y [m], yaw [rad] of its frame; table: what the object stands on;
+    qpos: (34,) robot and object, in MuJoCo's order.
+    """
+
+    controller: Any
+    origin: tuple[float, float, float]
+    table: Obstacle
+    qpos: Array
+
+
+def add_controller(builder: DiagramBuilder, station: Station, sensed: Sensed, latency_s: float) -> Source:
+    """Adds what the station's controller needs; returns where its command comes out (see `Station.torques`)."""
+    kind = station.controller_name
+    if kind == "walk":
+        return _add_walk(builder, station, sensed), "torque"
+    if kind == "pickup":
+        return _add_pickup(builder, station, sensed), "torque"
+    if kind == "pickup_then_policy":
+        return _add_pickup_then_policy(builder, station, sensed, latency_s), "torque"
+    if kind == "policy":
+        target: System = _add_policy(builder, station, sensed, latency_s)
+    else:
+        target = builder.AddNamedSystem("hold", HeldPosture(station.carry.joint_target))
+    return (_add_servo(builder, target, sensed), "torque") if station.torques else (target, "joint_target")
+
+
+def _add_policy(builder: DiagramBuilder, station: Station, sensed: Sensed, latency_s: float) -> System:
+    policy = builder.AddNamedSystem("policy", PolicySystem(station.policy, station.carry, latency_s))
+    connect(builder, *sensed.percept, policy, "percept")
+    connect(builder, *sensed.guidance, policy, "guidance")
+    return policy
+
+
+def _add_servo(builder: DiagramBuilder, target: System, sensed: Sensed) -> System:
+    servo = builder.AddNamedSystem("joint_pd", JointPd())
+    connect(builder, target, "joint_target", servo, "joint_target")
+    connect(builder, *sensed.joint_state, servo, "joint_state")
+    return servo
+
+
+def _add_steps(builder: DiagramBuilder, name: str, system: ControllerSystem, sensed: Sensed) -> ControllerSystem:
+    builder.AddNamedSystem(name, system)
+    connect(builder, *sensed.robot_state, system, "robot_state")
+    connect(builder, *sensed.contact_force, system, "contact_force")
+    return system
+
+
+def _add_walk(builder: DiagramBuilder, station: Station, sensed: Sensed) -> System:
+    from hotice.control.walk import WalkController
+
+    controller = WalkController(station.walk_plan, station.carry)
+    return _add_steps(builder, "walk", ControllerSystem(controller, WALK_PHASES, station.carry.torque), sensed)
+
+
+def _add_pickup(builder: DiagramBuilder, station: Station, sensed: Sensed) -> System:
+    from hotice.control.pickup import PHASES
+
+    pick = station.pick or plan_pick(station)
+    system = ControllerSystem(pick.controller, PHASES, np.zeros(20), pick.origin)
+    return _add_steps(builder, "pickup", system, sensed)
+
+
+def _add_pickup_then_policy(builder: DiagramBuilder, station: Station, sensed: Sensed, latency_s: float) -> System:
+    from hotice.control.pickup import PHASES
+
+    pickup = _add_pickup(builder, station, sensed)
+    policy = _add_policy(builder, station, sensed, latency_s)
+    servo = _add_servo(builder, policy, sensed)
+    rule = HandOver(ready_phase=PHASES.index("hold"))
+    selector = builder.AddNamedSystem("mode_selector", ModeSelector(rule, station.task.control_dt_s))
+    connect(builder, pickup, "torque", selector, "pickup_torque")
+    connect(builder, servo, "torque", selector, "carry_torque")
+    connect(builder, pickup, "phase", selector, "phase")
+    connect(builder, *sensed.contact_force, selector, "contact_force")
+    connect(builder, selector, "carry_active", policy, "active")
+    return selector
+
+
+def plan_pick(station: Station) -> PickSetting:
+    """The table, the robot before it and the plan to pick the station's object up from it.
+
+    Raises `HoticeError` for an object or a table that the pick-up refuses, `NotAvailable` without the pick-up.
+    """
+    try:
+        from hotice.control.pick_plan import Support
+        from hotice.control.pickup import Pickup
+    except ModuleNotFoundError as error:
+        raise NotAvailable(
+            f"controller {station.controller_name!r} needs {error.name}, which is not installed"
+        ) from None
+    config, carried = station.config, station.config.carried
+    x, y, yaw = station.scene.start
+    origin = (x, y, yaw + config.pick_bearing_rad)
+    depth, width = TABLE_M
+    top, near = config.support_height_m, config.support_near_m
+    half = carried.half_extents_m
+    p_GO = np.array([near + 0.02 + half[0], 0.0, top + half[2]])
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    controller = Pickup(carried, Support(top_m=top, near_m=near), p_GO, upright)
+    turn, offset = quat_from_yaw(origin[2]), np.array([x, y, 0.0])
+    middle = quat_rotate(turn, np.array([near + 0.5 * depth, 0.0, 0.5 * top])) + offset
+    quat = tuple(float(v) for v in turn)
+    table = Obstacle(SUPPORT, "side", BoxShape((depth, width, top)), tuple(middle.tolist()), quat)  # type: ignore[arg-type]
+    q = controller.start_q
+    qpos = np.concatenate([
+        quat_rotate(turn, q[:3]) + offset, quat_mul(turn, np.roll(q[3:7], 1)), q[7:27],
+        quat_rotate(turn, p_GO) + offset, quat_mul(turn, upright),
+    ])  # fmt: skip
+    return PickSetting(controller=controller, origin=origin, table=table, qpos=qpos)
+
+
+def with_table(scene: Scene, table: Obstacle) -> Scene:
+    """The scene and the table in it, its bounds widened to hold both."""
+    centre, radius = table.bounding_ball()
+    low, high = (np.array(b) for b in scene.bounds_m)
+    low[:2], high[:2] = np.minimum(low, centre - radius)[:2], np.maximum(high, centre + radius)[:2]
+    bounds = (tuple(low.tolist()), tuple(high.tolist()))
+    return Scene(scene.name, bounds, scene.start, scene.goal, (*scene.obstacles, table))  # type: ignore[arg-type]

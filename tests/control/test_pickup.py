@@ -1,0 +1,246 @@
+"""Picking up: plans that keep their promises, guards of the phase machine, bad input, one whole pick per shape."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("proxsuite")
+
+from benchmarks.pickup import NEAR_M, Trial, run
+from hotice.control.path import along, ease
+from hotice.control.pick_plan import COM_BOX_M, Planner, Support, ready_joints
+from hotice.control.pickup import Pickup, PickupConfig
+from hotice.control.step_back import GRID_S, LANDING_S, SWING_S, plan_step_back
+from hotice.control.terms import LEFT_FOOT, LEFT_HAND, RIGHT_FOOT, RIGHT_HAND, torque_limits
+from hotice.errors import CarryInfeasible, HoticeError, InvalidConfig, PickInfeasible
+from hotice.model import Box, Cylinder, Sphere
+from hotice.model.frames import quat_from_yaw
+
+BOX, TOP_M = Box((0.26, 0.28, 0.28), 1.5), 0.52
+PLACE, QUAT = np.array([NEAR_M + 0.02 + 0.13, 0.02, TOP_M + 0.14]), quat_from_yaw(0.1)
+OBJECTS = [BOX, Cylinder(0.13, 0.30, 1.0), Sphere(0.14, 1.0)]
+
+
+@pytest.fixture(scope="module")
+def pickup():
+    return Pickup(BOX, Support(top_m=TOP_M, near_m=NEAR_M), PLACE, QUAT)
+
+
+@pytest.fixture
+def standing(pickup):
+    """What the controller would measure: standing ready, the object in its place, nothing touched."""
+    from hotice.control.controller import Measurement
+
+    q, zero = pickup.start_q, np.zeros(3)
+    return Measurement(
+        time_s=0.0, joint_pos=q[7:], joint_vel=np.zeros(20), p_WP=q[:3], quat_WP=np.roll(q[3:7], 1), v_WP=zero, w_WP_P=zero,
+        p_WO=PLACE, quat_WO=QUAT, v_WO=zero, w_WO_O=zero, foot_force_W=np.zeros((2, 3)), hand_force_W=np.zeros((2, 3)),
+    )  # fmt: skip
+
+
+def drive(pickup, memory, measurement, seconds, **change):
+    """Steps with a measurement that only ages; returns command and memory."""
+    command = None
+    for _ in range(round(seconds * pickup.rate_hz)):
+        measurement = replace(measurement, time_s=measurement.time_s + 1.0 / pickup.rate_hz, **change)
+        command, memory = pickup.step(memory, measurement)
+    return command, memory, measurement
+
+
+@pytest.mark.parametrize("carried", OBJECTS, ids=lambda o: o.shape)
+def test_plans_keep_their_promises(carried):
+    """Feet stay, palms come to the sides, the object keeps its place in the hands, the weight stays over the feet."""
+    planner = Planner(carried, Support(top_m=TOP_M, near_m=NEAR_M))
+    half = carried.half_extents_m
+    q = np.concatenate([planner.carry.root_pos_W, np.roll(planner.carry.quat_WP, -1), ready_joints(planner.carry)])
+    place = np.array([NEAR_M + 0.02 + half[0], 0.02, TOP_M + half[2]])
+    plan, t = planner.plan(q, place, quat_from_yaw(0.0)), planner.terms
+    t.q[:] = q
+    t.refresh()
+    feet = t.p_WF[[LEFT_FOOT, RIGHT_FOOT]].copy()
+    apart, turned = None, None
+    for k, knot in enumerate((plan.crouch, plan.pregrasp, *plan.retreat)):
+        t.q[:] = knot
+        t.refresh()
+        np.testing.assert_allclose(t.p_WF[[LEFT_FOOT, RIGHT_FOOT]], feet, atol=0.003)
+        assert (t.lower <= knot[7:]).all() and (knot[7:] <= t.upper).all()
+        assert (t.com[:2] > COM_BOX_M[0] - 0.04).all() and (t.com[:2] < COM_BOX_M[1] + 0.02).all()
+        hands = t.p_WF[[LEFT_HAND, RIGHT_HAND]]
+        if k < 2:
+            assert hands[:, 2].min() > TOP_M + 0.04
+            continue
+        relative = t.R_WF[LEFT_HAND].T @ t.R_WF[RIGHT_HAND]
+        if k == 2:
+            apart, turned = np.linalg.norm(hands[0] - hands[1]), relative
+            np.testing.assert_allclose(plan.grasp, knot)
+            np.testing.assert_allclose(hands.mean(axis=0)[1], 0.02, atol=0.01)
+        assert abs(np.linalg.norm(hands[0] - hands[1]) - apart) < 0.004
+        assert np.arccos(np.clip(0.5 * (np.trace(relative @ turned.T) - 1), -1, 1)) < np.radians(2.0)
+    moved = np.abs(np.diff(plan.retreat[:, 7:], axis=0)).max()
+    assert moved < 0.8  # no jump from one branch of the arms to another
+
+
+def test_stepping_back_keeps_the_zero_moment_point_under_the_feet():
+    feet, com, height = np.array([[0.0, 0.12, 0.035], [0.0, -0.12, 0.035]]), np.array([0.03, 0.0]), 0.7
+    course = plan_step_back(feet, com, height, 0.4)
+    acceleration = np.gradient(np.gradient(course.com, GRID_S, axis=0), GRID_S, axis=0)
+    np.testing.assert_allclose(acceleration[2:-2], course.com_acc[2:-2], atol=0.05)
+    zmp = course.com - height / 9.81 * course.com_acc
+    for i in range(0, len(zmp), 10):
+        t = i * GRID_S
+        air, landed, places, _ = course.feet_at(t)
+        assert air != landed or air == -1
+        if air >= 0:
+            stance = places[1 - air]
+            assert abs(zmp[i, 1] - stance[1]) < 0.03 and -0.05 < zmp[i, 0] - stance[0] < 0.12
+    end = course.feet_at(course.seconds)[2]
+    np.testing.assert_allclose(end - feet, [[-0.4, 0, 0]] * 2, atol=1e-9)
+    np.testing.assert_allclose(course.com[-1] - com, [-0.4, 0.0], atol=1e-9)
+    np.testing.assert_allclose(course.shift(0.0)[0], 0.0, atol=1e-9)
+    assert len(course.swings) == 6 and LANDING_S < SWING_S
+
+
+def test_paths_start_and_end_at_rest():
+    import pinocchio as pin
+
+    from hotice.control.terms import robot_model
+
+    model = robot_model()
+    knots = np.stack([pin.neutral(model)] * 3)
+    knots[1, 7:], knots[2, 7:] = 0.1, 0.3
+    np.testing.assert_allclose(along(pin, model, knots, 0.0), knots[0])
+    np.testing.assert_allclose(along(pin, model, knots, 1.0), knots[2])
+    np.testing.assert_allclose(along(pin, model, knots, 0.5), knots[1], atol=1e-12)
+    assert ease(-1) == 0 and ease(2) == 1 and ease(1e-3) < 1e-7
+
+
+def test_a_hand_that_feels_nothing_tries_again_then_gives_up(pickup, standing):
+    """Without contact the hands open after `touch_s`; after the last attempt the robot stands and aborts, with the reason."""
+    memory, measurement = pickup.start(standing), standing
+    c = pickup.config
+    command, memory, measurement = drive(pickup, memory, measurement, 0.1 + c.settle_s + c.crouch_s + c.reach_s)
+    assert command.phase == "close" and memory.attempt == 1
+    _, memory, measurement = drive(pickup, memory, measurement, 0.1 + c.close_s + c.touch_s)
+    assert memory.phase == "open" and not memory.failure
+    memory.attempt = c.attempts
+    _, memory, measurement = drive(pickup, memory, measurement, c.open_s)
+    memory.attempt = c.attempts - 1
+    _, memory, measurement = drive(pickup, memory, measurement, 0.2 + c.crouch_s + c.reach_s + c.close_s + c.touch_s)
+    assert memory.phase == "open" and memory.failure == "hands felt nothing"
+    command, memory, _ = drive(pickup, memory, measurement, 0.2 + c.open_s + c.stand_s)
+    assert command.phase == "abort"
+    assert [p for _, p, _ in memory.log].count("close") == 2
+
+
+def lifting(pickup, standing, phase):
+    """Memory in a phase of holding, forces felt."""
+    memory = pickup.start(standing)
+    memory.plan, memory.attempt, memory.phase = pickup.expected, 1, phase
+    memory.squeeze_n, memory.load_share, memory.object_z_m = 50.0, 1.0, PLACE[2]
+    felt = np.array([[0.0, 50.0, -8.0], [0.0, -50.0, -8.0]])
+    return memory, replace(standing, hand_force_W=felt)
+
+
+def test_an_object_that_does_not_rise_is_a_missed_grasp(pickup, standing):
+    memory, measurement = lifting(pickup, standing, "lift")
+    _, memory, _ = drive(pickup, memory, measurement, pickup.config.lift_s + 0.05)
+    assert memory.phase == "open" and memory.log[-1][2].startswith("object rose 0 of")
+
+
+def test_an_object_that_rises_goes_on(pickup, standing):
+    memory, measurement = lifting(pickup, standing, "lift")
+    up = PLACE + [0.0, 0.0, 0.05]
+    _, memory, _ = drive(pickup, memory, measurement, pickup.config.lift_s + 0.05, p_WO=up)
+    assert memory.phase in ("retreat", "back")
+
+
+@pytest.mark.parametrize("phase", ["lift", "retreat", "hold"])
+def test_a_lost_object_is_noticed(pickup, standing, phase):
+    """Too little force for `lost_s` aborts with the reason; for a moment it does not."""
+    memory, measurement = lifting(pickup, standing, phase)
+    felt = measurement.hand_force_W
+    _, memory, measurement = drive(pickup, memory, measurement, 0.1, hand_force_W=0.05 * felt)
+    _, memory, measurement = drive(pickup, memory, measurement, 0.1, hand_force_W=felt)
+    _, memory, measurement = drive(pickup, memory, measurement, 0.15, hand_force_W=0.05 * felt)
+    assert memory.phase == phase
+    _, memory, _ = drive(pickup, memory, measurement, 0.15, hand_force_W=0.05 * felt)
+    assert memory.phase == "open" and memory.failure == f"lost the object in {phase}"
+
+
+def test_an_unseen_or_unreachable_object_ends_safely(pickup, standing):
+    for p_WO, why in ((None, "not seen"), (PLACE + [1.0, 0.0, 0.0], "cannot be grasped")):
+        c, measurement = pickup.config, replace(standing, p_WO=p_WO)
+        command, memory, _ = drive(pickup, pickup.start(measurement), measurement, 0.1 + c.settle_s + c.stand_s)
+        assert command.phase == "abort" and why in memory.failure
+        assert np.isfinite(command.torque).all()
+
+
+@pytest.mark.parametrize("name", ["joint_pos", "p_WP", "p_WO", "hand_force_W"])
+def test_measurements_that_are_not_finite_hold_and_count(pickup, standing, name):
+    command, memory, measurement = drive(pickup, pickup.start(standing), standing, 0.2)
+    good, broken = command.torque, getattr(standing, name).copy()
+    broken.flat[0] = np.nan
+    bad, after, _ = drive(pickup, memory, measurement, 0.1, **{name: broken})
+    assert bad.faults == command.faults + 20 and bad.phase == "settle"
+    assert np.isfinite(bad.torque).all() and (np.abs(bad.torque) <= torque_limits()).all()
+    again, _, _ = drive(pickup, after, measurement, 0.005)
+    assert again.faults == bad.faults
+    np.testing.assert_allclose(again.torque, good, atol=1.0)
+
+
+def test_a_step_changes_nothing_it_is_given(pickup, standing):
+    """The same memory and measurement give the same command again."""
+    _, memory, measurement = drive(pickup, pickup.start(standing), standing, 0.7)
+    kept = memory.copy()
+    first, _ = pickup.step(memory, measurement)
+    drive(pickup, memory, measurement, 0.1)
+    np.testing.assert_array_equal(memory.reference, kept.reference)
+    assert memory.phase == kept.phase and memory.log == kept.log
+    np.testing.assert_array_equal(memory.qp.guess.x, kept.qp.guess.x)
+    again, _ = pickup.step(kept, measurement)
+    np.testing.assert_allclose(again.torque, first.torque, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "make, error, match",
+    [
+        (
+            lambda: Pickup(BOX, Support(top_m=0.52, near_m=0.24), PLACE + [0.8, 0, 0], QUAT),
+            PickInfeasible,
+            "stand nearer",
+        ),
+        (lambda: Pickup(BOX, Support(top_m=0.52, near_m=0.24), [0.4, np.nan, 0.6], QUAT), PickInfeasible, "3 finite"),
+        (lambda: Pickup(BOX, Support(top_m=0.52, near_m=0.24), PLACE, [1.0, 0.0]), PickInfeasible, "4 finite"),
+        (
+            lambda: Pickup(Box((0.3, 0.3, 0.3), 20.0), Support(top_m=0.5, near_m=0.24), PLACE, QUAT),
+            CarryInfeasible,
+            "heavy",
+        ),
+        (lambda: Support(top_m=0.2, near_m=0.24), PickInfeasible, "0.20 m: allowed are 0.40 to 0.85"),
+        (lambda: Support(top_m=1.2, near_m=0.24), PickInfeasible, "1.20 m: allowed are 0.40 to 0.85"),
+        (lambda: Support(top_m=0.5, near_m=2.0), PickInfeasible, "stand nearer"),
+        (lambda: PickupConfig(lift_s=0.0), InvalidConfig, "lift_s"),
+        (lambda: PickupConfig(squeeze_n=(45.0, np.nan)), InvalidConfig, "squeeze_n"),
+    ],
+)
+def test_bad_input_says_so(make, error, match):
+    assert issubclass(error, HoticeError)
+    with pytest.raises(error, match=match):
+        make()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("carried", OBJECTS, ids=lambda o: o.shape)
+def test_a_whole_pick(carried):
+    """With noise, from a low support."""
+    result = run(Trial(carried, TOP_M, 0.02, 0.02, 0.1, 1.5, 3))
+    assert result.cause == "", result
+
+
+@pytest.mark.slow
+def test_a_whole_pick_with_steps_back():
+    """From a support so high that the robot steps back before it lowers the object."""
+    result = run(Trial(Box((0.30, 0.26, 0.28), 2.0), 0.72, 0.02, 0.0, 0.0, 1.5, 3))
+    assert result.cause == "", result

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from hotice.fields import build_hod_pf
+from hotice.model.robot_state import RobotState
+from hotice.policies.guidance import read_fields
+from hotice.policies.observation import LAYOUT, Carrying, observe
+from hotice.policies.percept import Percept, PerceptModel
+from hotice.policies.policy_task import PolicyTask
+from hotice.sim.observations import POLICY, ObservationTable
+
+TABLE = ObservationTable(POLICY)
+
+
+@pytest.fixture(scope="module")
+def fields():
+    from hotice.model import load_scenes
+
+    return {s.name: build_hod_pf(s) for s in load_scenes(["beam", "gap", "pillars", "pipe"])}
+
+
+def twin(env, states, fields, task, i):
+    state = states[int(env.memory.model[i])]
+    robot = RobotState.from_mujoco(
+        env.physics.qpos[i].numpy(), env.physics.qvel[i].numpy(), carried=state.carried, wrist_pos=state.wrist_pos
+    )
+    percept = PerceptModel(state.carried)(*robot.to_mujoco(29))
+    reading = read_fields(fields[env.bank.names[int(env.memory.scene[i])]], percept, task)
+    action, phase = env.memory.action[i].numpy(), float(env.memory.phase[i])
+    return observe(percept, reading, Carrying.of(state), action, phase), percept, reading
+
+
+def test_layout_is_the_environments():
+    assert list(LAYOUT) == TABLE.layout()
+
+
+@pytest.mark.parametrize("preset", ["dual_hodpf", "dual_sgf"])
+def test_observation_equals_the_environments(make_env, states, fields, preset):
+    env = make_env(preset)
+    task = PolicyTask(object_field="ogf" if preset.endswith("hodpf") else "sgf")
+    s = env.snapshot()
+    wanted = TABLE(s).numpy()
+    ends = np.cumsum([0, *(w for _, w in LAYOUT)])
+    for i in range(env.num_envs):
+        got, percept, reading = twin(env, states, fields, task, i)
+        assert got.shape == wanted[i].shape and got.dtype == np.float32
+        for (name, _), a, b in zip(LAYOUT, ends[:-1], ends[1:], strict=True):
+            np.testing.assert_allclose(got[a:b], wanted[i, a:b], atol=1e-5, err_msg=f"{name} of environment {i}")
+        np.testing.assert_allclose(percept.p_WK, s.p_WK[i, :11], atol=1e-6)
+        np.testing.assert_allclose(reading.goal_distance[0], s.goal_distance[i], atol=1e-6)
+        np.testing.assert_allclose(reading.speed[0], s.speed[i], atol=1e-5)
+
+
+def test_the_two_fields_differ_near_obstacles(make_env, states, fields):
+    """Otherwise the test above could not tell the presets apart."""
+    env = make_env()
+    both = [
+        np.stack([twin(env, states, fields, PolicyTask(object_field=f), i)[0] for i in range(env.num_envs)])
+        for f in ("ogf", "sgf")
+    ]
+    assert np.abs(both[0] - both[1]).max() > 0.1
+
+
+def test_parts_are_views_of_one_vector(make_env, states, fields):
+    _, percept, reading = twin(make_env(), states, fields, PolicyTask(), 0)
+    for value in (percept, reading):
+        kind = type(value)
+        again = kind.of(**{name: getattr(value, name) for name in kind.SHAPES})
+        np.testing.assert_array_equal(again.vector, value.vector)
+        assert again.vector.shape == (kind.SIZE,) and np.isfinite(value.vector).all()
+    percept.q[3] = 7.0
+    assert 7.0 in percept.vector
+    with pytest.raises(TypeError, match="exactly p_WP"):
+        Percept.of(q=np.zeros(20))

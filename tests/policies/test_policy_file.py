@@ -1,0 +1,59 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from hotice.errors import CheckpointError, UnknownName
+from hotice.policies import PolicyTask, open_policy, shipped_policies
+from hotice.policies.observation import LAYOUT, SIZE
+from hotice.policies.policy_file import check_layout
+from hotice.sim.config import PRESETS, TaskConfig
+
+
+def test_shipped_policy_acts_as_through_torch():
+    from hotice.learn.policy import load_policy
+
+    observation = np.random.default_rng(0).standard_normal((5, SIZE)).astype(np.float32)
+    policy = open_policy("carry")
+    np.testing.assert_array_equal(policy.run(observation), load_policy("carry").act(torch.from_numpy(observation)))
+    check_layout(policy.name, policy.layout, LAYOUT)
+    assert "carry" in shipped_policies()
+
+
+def test_it_needs_no_torch():
+    code = (
+        "import sys; from hotice.policies import open_policy; import hotice.policies.observation; open_policy('carry')"
+    )
+    code += "; assert 'torch' not in sys.modules and 'pinocchio' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_names():
+    with pytest.raises(UnknownName, match=r"known are carry, or the path of an \.onnx file"):
+        open_policy("nobody")
+    with pytest.raises(CheckpointError, match="cannot be read"):
+        open_policy("no/where.onnx")
+
+
+def test_task_constants():
+    task = PolicyTask.from_meta(open_policy("carry").meta)
+    assert task.control_dt_s == pytest.approx(0.02) and task.object_field == "ogf"
+    defaults = TaskConfig()
+    for name in vars(task):
+        if name != "object_field":
+            assert getattr(PolicyTask(), name) == getattr(defaults, name)
+    for name, preset in PRESETS.items():
+        meta = {"preset": name, "task": vars(task)}
+        assert PolicyTask.from_meta(meta).object_field == preset.object_field
+
+
+@pytest.mark.parametrize("value", [None, True, "0.3", float("nan"), -1.0])
+def test_an_impossible_constant_is_named(value):
+    meta = open_policy("carry").meta
+    changed = meta | {"task": meta["task"] | {"leg_scale_rad": value}}
+    with pytest.raises(CheckpointError, match="leg_scale_rad"):
+        PolicyTask.from_meta(changed)
+    with pytest.raises(CheckpointError, match="preset is 'x'"):
+        PolicyTask.from_meta(meta | {"preset": "x"})

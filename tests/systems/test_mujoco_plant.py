@@ -1,0 +1,108 @@
+import mujoco
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from hotice.errors import InvalidStation, SimulationError
+from hotice.model import builder
+from hotice.systems.mujoco_plant import STATE, MujocoPlant
+from hotice.systems.signals import TOUCHING_BODIES
+from hotice.systems.station_plant import to_motors
+
+
+@pytest.fixture(scope="module")
+def model(carry):
+    return builder.build_model(carry.carried, wrist_pos=carry.wrist_pos)
+
+
+def flat(model, data):
+    state = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, state, STATE)
+    return state
+
+
+@pytest.mark.parametrize("hold", [1, 4])
+def test_bitwise_plain_mujoco(model, carry, rng, hold):
+    plant = MujocoPlant(model, carry.qpos(), carry.joint_target, hold * model.opt.timestep)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.ctrl[:] = carry.qpos(), carry.joint_target
+    simulator = Simulator(plant)
+    context = simulator.get_mutable_context()
+    for k in range(25):
+        target = carry.joint_target + 0.1 * rng.standard_normal(20)
+        plant.GetInputPort("actuation").FixValue(context, target)
+        simulator.AdvanceTo((k + 1) * hold * model.opt.timestep - 1e-6)
+        data.ctrl[:] = target
+        for _ in range(hold):
+            mujoco.mj_step(model, data)
+        np.testing.assert_array_equal(plant.GetOutputPort("full_state").Eval(context), flat(model, data))
+    state = plant.GetOutputPort("state").Eval(context)
+    np.testing.assert_array_equal(state, np.concatenate([data.qpos, data.qvel]))
+    assert np.abs(data.qvel).max() > 0.1
+
+
+def test_a_cloned_context_replays_identically(station):
+    simulator = Simulator(station)
+    simulator.AdvanceTo(0.3)
+    twin = Simulator(station, simulator.get_context().Clone())
+    plant = station.GetSubsystemByName("plant")
+
+    def state(sim):
+        return plant.GetOutputPort("full_state").Eval(plant.GetMyContextFromRoot(sim.get_context())).copy()
+
+    ends = []
+    for sim in (simulator, twin):
+        sim.AdvanceTo(0.5)
+        ends.append(state(sim))
+    np.testing.assert_array_equal(*ends)
+    for k in range(3):  # in turns: the scratch data serves both
+        for sim in (twin, simulator):
+            sim.AdvanceTo(0.52 + 0.02 * k)
+        np.testing.assert_array_equal(state(simulator), state(twin))
+    assert not np.array_equal(ends[0], state(simulator))
+
+
+def test_contact_forces(model, carry, run):
+    plant = MujocoPlant(model, carry.qpos(), carry.joint_target)
+    simulator = Simulator(plant)
+    plant.GetInputPort("actuation").FixValue(simulator.get_mutable_context(), carry.joint_target)
+    simulator.AdvanceTo(0.5)
+    force = plant.GetOutputPort("contact_force").Eval(simulator.get_context()).reshape(4, 3)
+    weight = 9.81 * model.body_mass.sum()
+    assert force[:2, 2].sum() == pytest.approx(weight, rel=0.1)  # the floor carries robot and object
+    assert force[2:, 2].sum() == pytest.approx(-9.81 * carry.carried.mass_kg, rel=0.3)  # the object hangs on the hands
+    assert force[2, 1] > 5.0 and force[3, 1] < -5.0  # pressed outwards: left to +y, right to -y
+    assert TOUCHING_BODIES[0].startswith("left_ankle") and TOUCHING_BODIES[3].startswith("right_wrist")
+
+
+def test_motors_take_torques(model, carry):
+    import copy
+
+    motors = copy.copy(model)
+    to_motors(motors)
+    data = mujoco.MjData(motors)
+    data.qpos[:] = carry.qpos()
+    data.ctrl[:] = np.linspace(-200, 200, 20)
+    mujoco.mj_forward(motors, data)
+    limit = model.actuator_forcerange[:, 1]
+    np.testing.assert_allclose(data.actuator_force, np.clip(data.ctrl, -limit, limit))
+
+
+def test_setting_a_state(model, carry, rng):
+    plant = MujocoPlant(model, carry.qpos(), carry.joint_target)
+    context = plant.CreateDefaultContext()
+    qvel = rng.standard_normal(model.nv)
+    plant.set_state(context, carry.qpos(), qvel)
+    np.testing.assert_array_equal(plant.GetOutputPort("state").Eval(context)[model.nq :], qvel)
+    with pytest.raises(InvalidStation, match=r"qvel has shape \(3,\): this model needs \(32,\)"):
+        plant.set_state(context, carry.qpos(), np.zeros(3))
+    with pytest.raises(InvalidStation, match="period_s"):
+        MujocoPlant(model, carry.qpos(), carry.joint_target, 0.0001)
+
+
+def test_diverged_physics_is_reported(model, carry):
+    plant = MujocoPlant(model, carry.qpos(), carry.joint_target)
+    simulator = Simulator(plant)
+    plant.GetInputPort("actuation").FixValue(simulator.get_mutable_context(), np.full(20, np.nan))
+    with pytest.raises(SimulationError, match="physics diverged at 0.000 s"):
+        simulator.AdvanceTo(0.1)

@@ -1,0 +1,225 @@
+"""Sensors, fields and policy: each system gives what its plain function gives, and that is what training gave."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from pydrake.systems.analysis import Simulator
+
+from hotice.errors import CheckpointError
+from hotice.fields.bank import FieldBank
+from hotice.model.sensing import STUDENT_SENSING, SensingConfig
+from hotice.policies import Percept, PerceptModel, open_policy
+from hotice.policies.guidance import read_fields
+from hotice.policies.observation import LAYOUT, Carrying, observe
+from hotice.sim import TaskConfig, TransportEnv
+from hotice.sim.carry_bank import CarryBank
+from hotice.systems.guidance_field import GuidanceFieldSystem
+from hotice.systems.policy import ACTION, MEMORY, PHASE, PolicySystem, next_action
+from hotice.systems.sensor_model import DRAWS, ESTIMATE, SensorModel, draw_delays, measure
+
+NOISY = SensingConfig(joint_pos_rad=0.03, object_pos_m=0.05, root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0)
+
+
+@pytest.fixture(scope="module")
+def env(beam, carry):
+    bank = CarryBank.of([carry], 0.005, torch.device("cpu"))
+    config = TaskConfig(sensing=STUDENT_SENSING, start_noise_m=0.0, start_yaw_noise_rad=0.0)
+    env = TransportEnv(1, FieldBank.build([beam]), bank, seed=1, config=config, threads=1)
+    env.reset()
+    for _ in range(3):
+        env.step(0.3 * torch.ones(1, 20))
+    return env
+
+
+def state_of(env, carry):
+    from hotice.systems.state_adaptor import robot_state_of_mujoco
+
+    return robot_state_of_mujoco(np.concatenate([env.physics.qpos[0], env.physics.qvel[0]]), carry.wrist_pos)
+
+
+def test_noise_is_the_environments(env, carry, monkeypatch, rng):
+    """The same uniform numbers give the same measurement, with a fresh root and with a held one, as the filter settles."""
+    state = state_of(env, carry)
+    true = PerceptModel(carry.carried)(state[:43], state[43:])
+    offset = 0.01 * rng.standard_normal(20)
+    estimate = np.zeros(ESTIMATE)
+    ids = torch.arange(1)
+    env.sensors.age[:] = 0
+    for k in range(3):
+        draws = rng.uniform(-1.0, 1.0, DRAWS)
+        parts = iter(np.split((draws + 1.0) / 2.0, [1, 3, 6, 9, 29, 49, 52]))
+        monkeypatch.setattr(
+            torch, "rand", lambda shape, p=parts, **_: torch.tensor(next(p), dtype=torch.float32).view(shape)
+        )
+        s = env.sensors.measure(env.snapshot(), ids, torch.tensor(offset[None], dtype=torch.float32), env.generator)
+        percept, estimate = measure(
+            true, estimate, draws, STUDENT_SENSING, False, offset, refresh=k == 0, gain=max(0.1, 1.0 / (k + 1))
+        )
+        for name in Percept.SHAPES:
+            wanted = {"p_WK": s.p_WK[0, :11], "yaw": s.yaw}.get(name, getattr(s, name)[0] if name != "yaw" else None)
+            np.testing.assert_allclose(getattr(percept, name), wanted, atol=3e-6, err_msg=name)
+        assert np.abs(percept.vector - true.vector).max() > 0.02
+
+
+def test_sensors_without_noise_tell_the_truth(carry, robot_state, run):
+    truth = PerceptModel(carry.carried)(robot_state[:43], robot_state[43:])
+    got = run(SensorModel(carry.carried, SensingConfig(), 0.02), "percept", robot_state=robot_state)
+    np.testing.assert_array_equal(got, truth.vector)
+
+
+def sequence(sensors, robot_state, steps=12, context=None):
+    """Percepts at each control step, as a policy would read them."""
+    simulator = Simulator(sensors, context)
+    sensors.GetInputPort("robot_state").FixValue(simulator.get_mutable_context(), robot_state)
+    seen = []
+    start = simulator.get_context().get_time()
+    for k in range(steps):
+        seen.append(sensors.GetOutputPort("percept").Eval(simulator.get_context()).copy())
+        simulator.AdvanceTo(start + 0.02 * (k + 1) - 1e-9)
+    return np.array(seen), simulator
+
+
+def test_measurements_follow_from_the_context(carry, robot_state):
+    sensors = SensorModel(carry.carried, NOISY, 0.02, seed=5)
+    seen, _ = sequence(sensors, robot_state)
+    again, _ = sequence(SensorModel(carry.carried, NOISY, 0.02, seed=5), robot_state)
+    other, _ = sequence(SensorModel(carry.carried, NOISY, 0.02, seed=6), robot_state)
+    np.testing.assert_array_equal(seen, again)
+    assert (seen[0] != seen[1]).any() and (seen[0] != other[0]).any()
+    _, simulator = sequence(sensors, robot_state, steps=4)
+    rest, _ = sequence(sensors, robot_state, steps=8, context=simulator.get_context().Clone())
+    np.testing.assert_array_equal(rest, seen[4:])
+    root = Percept.PARTS["p_WP"]
+    assert (seen[:5, root] == seen[0, root]).all() and (seen[5, root] != seen[0, root])[:2].all()  # refreshed at 10 Hz
+
+
+def test_half_widths(carry, robot_state):
+    seen, _ = sequence(SensorModel(carry.carried, NOISY, 0.02), robot_state, steps=200)
+    truth = PerceptModel(carry.carried)(robot_state[:43], robot_state[43:])
+    error = seen[:, Percept.PARTS["q"]] - truth.q
+    assert 0.0295 < np.abs(error).max() <= 0.03 and abs(error.mean()) < 1e-3
+    np.testing.assert_array_equal(seen[:, Percept.PARTS["gravity_P"]], np.tile(truth.gravity_P, (200, 1)))
+
+
+def test_late_sensors(carry, robot_state):
+    prompt, _ = sequence(SensorModel(carry.carried, NOISY, 0.02, late=False), robot_state)
+    late, _ = sequence(SensorModel(carry.carried, NOISY, 0.02, late=True), robot_state)
+    np.testing.assert_array_equal(late[0], prompt[0])
+    np.testing.assert_array_equal(late[1:], prompt[:-1])
+    drawn = [draw_delays(STUDENT_SENSING, 0.02, 4, seed) for seed in range(200)]
+    assert 60 < sum(late for late, _ in drawn) < 140
+    assert {round(delay, 3) for _, delay in drawn} == {0.0, 0.005, 0.01, 0.015, 0.02}
+    assert draw_delays(SensingConfig(), 0.02, 4, 3) == (False, 0.0)
+
+
+def test_fields(station, robot_state, run, carry):
+    percept = PerceptModel(carry.carried)(robot_state[:43], robot_state[43:])
+    got = run(GuidanceFieldSystem(station.pf, station.task), "guidance", percept=percept.vector)
+    np.testing.assert_array_equal(got, read_fields(station.pf, percept, station.task).vector)
+
+
+def policy_inputs(station, carry, robot_state):
+    percept = PerceptModel(carry.carried)(robot_state[:43], robot_state[43:])
+    return percept, read_fields(station.pf, percept, station.task)
+
+
+def stepped(system, **inputs):
+    """A Simulator of the system alone, after its first update."""
+    simulator = Simulator(system)
+    for name, value in inputs.items():
+        system.GetInputPort(name).FixValue(simulator.get_mutable_context(), np.asarray(value, dtype=float))
+    simulator.AdvanceTo(0.001)
+    return simulator
+
+
+def test_policy(station, carry, robot_state):
+    percept, reading = policy_inputs(station, carry, robot_state)
+    session = open_policy("carry")
+    system = PolicySystem(session, carry)
+    simulator = stepped(system, percept=percept.vector, guidance=reading.vector)
+    action = np.zeros(20)
+    for k in range(3):
+        observation = observe(percept, reading, Carrying.of(carry), action, k * 2 * np.pi * 1.4 * 0.02)
+        action = next_action(session.run(observation[None])[0].astype(float), 4.0)
+        context = simulator.get_context()
+        np.testing.assert_allclose(system.GetOutputPort("action").Eval(context), action, atol=1e-6)
+        target = carry.joint_target + np.repeat([0.3, 0.12], [12, 8]) * action
+        np.testing.assert_allclose(system.GetOutputPort("joint_target").Eval(context), target, atol=1e-6)
+        simulator.AdvanceTo(0.02 * (k + 1) + 0.001)
+    assert np.abs(action).max() > 0.1
+
+
+def test_policy_rests_until_it_is_active(station, carry, robot_state):
+    percept, reading = policy_inputs(station, carry, robot_state)
+    system = PolicySystem(open_policy("carry"), carry)
+    simulator = stepped(system, percept=percept.vector, guidance=reading.vector, active=[0.0])
+    np.testing.assert_array_equal(
+        system.GetOutputPort("joint_target").Eval(simulator.get_context()), carry.joint_target
+    )
+    system.GetInputPort("active").FixValue(simulator.get_mutable_context(), [1.0])
+    simulator.AdvanceTo(0.021)
+    assert (system.GetOutputPort("joint_target").Eval(simulator.get_context()) != carry.joint_target).all()
+
+
+def test_latency_of_the_motors(station, carry, robot_state):
+    percept, reading = policy_inputs(station, carry, robot_state)
+    system = PolicySystem(open_policy("carry"), carry, latency_s=0.01)
+    simulator = stepped(system, percept=percept.vector, guidance=reading.vector)
+    targets = []
+    for time_s in (0.005, 0.0101, 0.025, 0.0301):
+        simulator.AdvanceTo(time_s)
+        targets.append(system.GetOutputPort("joint_target").Eval(simulator.get_context()).copy())
+    np.testing.assert_array_equal(targets[0], carry.joint_target)
+    np.testing.assert_array_equal(targets[1], targets[2])
+    assert (targets[1] != targets[0]).any() and (targets[3] != targets[2]).any()
+
+
+def test_actions_are_finite_and_bounded():
+    raw = np.array([np.nan, np.inf, -np.inf, 9.0, -0.5])
+    np.testing.assert_array_equal(next_action(raw, 4.0), [0.0, 4.0, -4.0, 4.0, -0.5])
+
+
+def test_a_policy_of_another_layout_is_refused(carry):
+    shipped = open_policy("carry")
+    layout = [(name, width + (name == "clock")) for name, width in LAYOUT]
+    other = SimpleNamespace(name="other", meta=shipped.meta, layout=layout, run=shipped.run)
+    with pytest.raises(CheckpointError, match="other: observation layout differs"):
+        PolicySystem(other, carry)
+
+
+def test_the_first_step_feels_the_first_action(station):
+    """Event order: an action of this instant's state moves the plant in this instant's step."""
+    simulator = Simulator(station)
+    simulator.AdvanceTo(0.001)
+    plant, policy = (station.GetSubsystemByName(name) for name in ("plant", "policy"))
+    context = plant.GetMyContextFromRoot(simulator.get_context())
+    state = plant.GetOutputPort("full_state").Eval(context)
+    target = policy.GetOutputPort("joint_target").Eval(policy.GetMyContextFromRoot(simulator.get_context()))
+    start = 1 + 34 + 32 + 0 + 32  # time, qpos, qvel, activations (none), warm start
+    np.testing.assert_array_equal(state[start : start + 20], target)
+    action = policy.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(MEMORY).value()[ACTION]
+    assert np.abs(action).max() > 0.0
+
+
+def test_station_equals_training(station, beam, carry):
+    """Policy, fields, clock, servos and physics: half a second as the environment makes it."""
+    from hotice.learn.policy import load_policy
+
+    bank = CarryBank.of([carry], 0.005, torch.device("cpu"), scene=beam)
+    quiet = TaskConfig(start_noise_m=0.0, start_yaw_noise_rad=0.0, joint_noise_rad=0.0)
+    env = TransportEnv(1, FieldBank.build([beam]), bank, seed=2, config=quiet, threads=1)
+    obs, _ = env.reset()
+    policy = load_policy("carry")
+    simulator = Simulator(station)
+    root = simulator.get_mutable_context()
+    plant, acting = (station.GetSubsystemByName(name) for name in ("plant", "policy"))
+    plant.set_state(plant.GetMyMutableContextFromRoot(root), env.physics.qpos[0].numpy())
+    acting.GetMyMutableContextFromRoot(root).get_mutable_discrete_state(MEMORY)[PHASE] = float(env.memory.phase[0])
+    for k in range(25):
+        obs = env.step(policy.act(obs)).policy
+        simulator.AdvanceTo(0.02 * k + 0.001)
+        qpos = plant.GetOutputPort("state").Eval(plant.GetMyContextFromRoot(root))[:34]
+        np.testing.assert_allclose(qpos, env.physics.qpos[0], atol=2e-4, err_msg=f"step {k}")
+    assert qpos[0] > 0.1
