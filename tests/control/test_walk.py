@@ -1,4 +1,6 @@
 import copy
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -96,3 +98,10 @@ def test_the_ankle_of_a_lifted_foot_stays_in_range():
     length = np.hypot(ahead, below)
     shank = np.arccos((length**2 + SHANK_M**2 - THIGH_M**2) / (2 * length * SHANK_M)) - np.arctan2(ahead, below)
     assert shank - pitch == pytest.approx(ANKLE_BEND_RAD, abs=0.03)
+
+
+def test_importing_walk_costs_no_solver():
+    code = "import sys, hotice.control.walk; print([m for m in ('pinocchio', 'osqp', 'proxsuite', 'torch') if m in sys.modules])"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    )
