@@ -45,7 +45,7 @@ class WalkController:
         qp: QpConfig | None = None, rate_hz: float = 200.0,
     ) -> None:  # fmt: skip
         self.plan, self.state, self.config, self.rate_hz = plan, state, config or WalkConfig(), rate_hz
-        self.qp = WholeBodyQp(state.wrist_pos, qp or QpConfig(limit_horizon_s=0.05))
+        self.qp = WholeBodyQp(state.wrist_pos, qp or QpConfig(limit_horizon_s=0.05, hand_weight=0.5, force_weight=2e-5))
         self.adjuster = StepAdjuster(adjust or AdjustConfig())
         self.load_kg = state.carried.mass_kg
         self.mass_kg = self.qp.terms.mass_kg + self.load_kg
