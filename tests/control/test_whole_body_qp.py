@@ -206,7 +206,7 @@ def test_solvers_agree(plant, seed):
         assert memory.faults == 0
         found[name] = x, torque, 0.5 * x @ p.H @ x + p.g @ x
     (x, torque, cost), (y, other, other_cost) = found["proxqp"], found["osqp"]
-    np.testing.assert_allclose(x[:NV], y[:NV], atol=0.02)
+    np.testing.assert_allclose(x[:NV], y[:NV], atol=0.05)  # 1 % of the largest
     np.testing.assert_allclose(x[HANDS], y[HANDS], atol=0.1)
     np.testing.assert_allclose(torque[12:], other[12:], atol=0.3)
     assert cost == pytest.approx(other_cost, rel=1e-5)
