@@ -16,7 +16,7 @@ from hotice.model.bvh import triangle_squared
 
 _MOST = 64
 """A segment that passes through more triangles than this is blocked."""
-_OPPOSED = -0.2
+OPPOSED = -0.2
 """Largest cosine between the normals of two walls that close a seam or bound a plate."""
 _INNER = 7
 """Points of a part below the surface at which its depth is looked at."""
@@ -234,7 +234,7 @@ def _below(space, n, a, u, passed, number, lowest):
             if k == 0:
                 v = _wall(space, n, a, u, passed, i - 1, number)
                 w = _wall(space, n, a, u, passed, i, number)
-                if _dot(v, w) < _OPPOSED:
+                if _dot(v, w) < OPPOSED:
                     return False, f, s
     return True, at, deepest
 

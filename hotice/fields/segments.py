@@ -13,7 +13,7 @@ import math
 
 from hotice.compiled import compiled
 from hotice.fields.bends import distance
-from hotice.fields.mesh_segments import pass_mesh
+from hotice.fields.mesh_segments import OPPOSED, pass_mesh
 from hotice.fields.solids import (
     BOX,
     CAPSULE,
@@ -32,8 +32,6 @@ _EXACT_M = 1e-7
 _SNAP_M = 1e-5
 """Least distance within which a bend belongs to an edge."""
 _CUTS = 40
-_OPPOSED = -0.2
-"""Largest cosine between the normals of two walls that close a seam."""
 
 
 @compiled(inline="always", error_model="numpy")
@@ -160,7 +158,7 @@ def _pinched(space, margin, m, n, a, b, t):
     if s - margin > DEPTH_PER_M * space.h * space.h:
         return False
     u, v = solid_normal(space.solid, m, x, y, z), solid_normal(space.solid, n, x, y, z)
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2] < _OPPOSED
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2] < OPPOSED
 
 
 @compiled(nogil=True, error_model="numpy")
