@@ -32,6 +32,7 @@ from hotice.learn.scene_sets import resolve_scenes
 from hotice.learn.statistics import EpisodeStatistics
 from hotice.learn.storage import Rollout
 from hotice.learn.version import source_version
+from hotice.learn.widen import columns_within, widen
 from hotice.sim.env import TransportEnv
 from hotice.sim.observations import mirror_action
 from hotice.sim.threads import use_threads
@@ -237,10 +238,12 @@ class Runner:
         """Takes networks and normalisers of another run, and its optimiser where that served the same objective.
 
         Inputs that hardly varied in that run (the distance to obstacles on an open floor) get zero weights and an ordinary
-        variance: the old skill stays what it was when they begin to vary.
+        variance: the old skill stays what it was when they begin to vary. Rows that its observation did not have (the scan)
+        begin with zero weights too.
         """
         tensors, meta = load_checkpoint(path, self.env.device)
         with _same_version(path):
+            tensors, meta = self._widened(tensors, meta)
             self._load_net(path, tensors, meta)
             if kind_of(meta) == self.algo.kind:
                 self.algo.load_optimizer(tensors, meta)
@@ -251,6 +254,18 @@ class Runner:
                 first = getattr(self.net.nets[agent.name], kind)[0]
                 with torch.no_grad():
                     first.weight[:, constant] = 0.0
+
+    def _widened(self, tensors: dict[str, Tensor], meta: dict[str, Any]) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        """A checkpoint for this environment's observation, where that only adds rows to the checkpoint's."""
+        env = self.env
+        for key, table, norm, net in (
+            ("layout", env.policy_table, "obs_norm", "actor"), ("critic_layout", env.critic_table, "critic_norm", "critic"),
+        ):  # fmt: skip
+            columns = columns_within([(name, width) for name, width in meta[key]], table.layout())
+            if columns is not None:
+                tensors = widen(tensors, columns, table.size, norm, net)
+                meta = {**meta, key: table.layout()}
+        return tensors, meta
 
     def _load_net(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         self._check_fit(path, meta)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hotice.fields.command import heading_error, navigation_command
 from hotice.fields.hod_pf import HodPf
-from hotice.model import g1
+from hotice.model import g1, scan
 from hotice.policies.percept import NUM_POINTS, NUM_SGF, Percept
 from hotice.policies.policy_task import PolicyTask
 from hotice.policies.vectors import NamedVector
@@ -20,6 +20,7 @@ from hotice.policies.vectors import NamedVector
 Array = NDArray[np.float64]
 NUM_FIELD = NUM_POINTS + 8
 """Points that read a field: 9 keypoints the SGF; hands and 8 object keypoints the object's field."""
+_FEET = [g1.SGF_KEYPOINTS.index(name) for name in ("left_foot", "right_foot")]
 _STEERED = [g1.SGF_KEYPOINTS.index(name) for name in g1.STEERED_KEYPOINTS]
 
 
@@ -32,6 +33,7 @@ class FieldReading(NamedVector):
         c_W: (3,) navigation command [m/s]; speed: (1,) commanded speed [m/s].
         heading_error: (1,) from heading to command, fading out with the speed [rad].
         goal_distance: (1,) root to goal, horizontally [m].
+        scan: (40,) signed distances at the points of `hotice.model.scan` [m]; zero for a task without the scan.
     """
 
     force_W: Array
@@ -40,10 +42,11 @@ class FieldReading(NamedVector):
     speed: Array
     heading_error: Array
     goal_distance: Array
+    scan: Array
 
     SHAPES = {
         "force_W": (NUM_FIELD, 3), "distance": (NUM_FIELD,), "c_W": (3,), "speed": (1,), "heading_error": (1,),
-        "goal_distance": (1,),
+        "goal_distance": (1,), "scan": (scan.NUM_SCAN,),
     }  # fmt: skip
 
 
@@ -63,4 +66,13 @@ def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
     reading.c_W[:], reading.speed[0] = c_W, speed
     reading.heading_error[0] = heading_error(c_W, speed, float(percept.yaw[0]), task.speed_m_s)
     reading.goal_distance[0] = math.hypot(*offset_W.tolist())
+    reading.scan[:] = pf.sgf.query(_scan_points(percept).astype(np.float32))[1] if task.scan else 0.0
     return reading
+
+
+def _scan_points(percept: Percept) -> Array:
+    """Where the robot looks, (40, 3) in W [m]: the numpy twin of `hotice.sim.scan.scan_points`."""
+    yaw = float(percept.yaw[0])
+    ahead, height = scan.OFFSETS_M.T
+    origins = np.stack([*percept.p_WK[_FEET], percept.p_WP])[scan.ORIGIN]
+    return np.stack([origins[:, 0] + math.cos(yaw) * ahead, origins[:, 1] + math.sin(yaw) * ahead, height], axis=1)

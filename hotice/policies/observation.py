@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.model.carry import CarryState
+from hotice.model.scan import NUM_SCAN, nearness
 from hotice.policies.guidance import NUM_FIELD, FieldReading
 from hotice.policies.percept import NUM_SGF, Percept
+from hotice.policies.policy_task import PolicyTask
 
 Array = NDArray[np.float64]
 ENCODE_SCALE = 0.6
@@ -23,8 +25,13 @@ LAYOUT: tuple[tuple[str, int], ...] = (
     ("clock", 2), ("command", 6), ("object_pose", 9), ("object_size", 3),
     ("sgf", 5 * NUM_SGF), ("ogf", 5 * (NUM_FIELD - NUM_SGF)),
 )  # fmt: skip
-"""Names and widths of the rows, in order."""
+"""Names and widths of the rows, in order, of a policy without the local obstacle scan."""
 SIZE = sum(width for _, width in LAYOUT)
+
+
+def layout_of(task: PolicyTask) -> tuple[tuple[str, int], ...]:
+    """Names and widths of the rows that a policy for this task reads."""
+    return (*LAYOUT, ("scan", NUM_SCAN)) if task.scan else LAYOUT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,9 +48,12 @@ class Carrying:
 
 
 def observe(
-    percept: Percept, reading: FieldReading, carrying: Carrying, action: Array, phase: float
+    percept: Percept, reading: FieldReading, carrying: Carrying, action: Array, phase: float, scan: bool = False
 ) -> NDArray[np.float32]:
-    """Observation (241,) for one step: `action` (20,) is the last one, `phase` [rad] the step clock of the left leg."""
+    """Observation (201,), or (241,) with the local obstacle scan, for one step.
+
+    `action` (20,) is the last one, `phase` [rad] the step clock of the left leg.
+    """
     yaw = float(percept.yaw[0])
     cos, sin = math.cos(yaw), math.sin(yaw)
     R_WY = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])  # v_Y = v_W @ R_WY
@@ -53,7 +63,7 @@ def observe(
         action, (math.sin(phase), math.cos(phase)),
         reading.c_W @ R_WY, (math.sin(error), math.cos(error), math.tanh(float(reading.goal_distance[0]))),
         (percept.p_WO - percept.p_WP) @ R_WY, (percept.R_WO[:, :2].T @ R_WY).ravel(), 5.0 * carrying.half_extents,
-        _encode(reading.force_W @ R_WY, reading.distance).ravel(),
+        _encode(reading.force_W @ R_WY, reading.distance).ravel(), *((nearness(reading.scan),) if scan else ()),
     )  # fmt: skip
     return np.concatenate(rows).astype(np.float32)
 

@@ -31,6 +31,7 @@ class PolicyTask:
     resolution_m: float = 0.04
     margin_m: float = 0.08
     object_field: str = "ogf"
+    scan: bool = False
 
     @classmethod
     def from_meta(cls, meta: Mapping[str, Any], name: str = "policy") -> PolicyTask:
@@ -38,8 +39,11 @@ class PolicyTask:
         preset, task = meta.get("preset"), meta.get("task")
         if preset not in OBJECT_FIELDS:
             raise CheckpointError(f"{name}: preset is {preset!r}: known are {', '.join(OBJECT_FIELDS)}")
-        values: dict[str, Any] = {"object_field": OBJECT_FIELDS[preset]}
-        for key in (f.name for f in fields(cls) if f.name != "object_field"):
+        scan = task.get("scan", False) if isinstance(task, Mapping) else False
+        if not isinstance(scan, bool):
+            raise CheckpointError(f"{name}: task constant scan is {scan!r}: true or false is needed")
+        values: dict[str, Any] = {"object_field": OBJECT_FIELDS[preset], "scan": scan}
+        for key in (f.name for f in fields(cls) if f.name not in values):
             value = task.get(key) if isinstance(task, Mapping) else None
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
                 raise CheckpointError(

@@ -123,6 +123,8 @@ class TaskConfig:
     """Training curriculum: penetrations up to this deep are penalised but do not end the episode (ours)."""
     end_at_goal: bool = False
     """Whether reaching the goal ends the episode (evaluation)."""
+    scan: bool = False
+    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields only)."""
 
     def __post_init__(self) -> None:
         positive = (

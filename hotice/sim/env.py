@@ -23,9 +23,10 @@ from hotice.sim.commands import heading_error, navigation_command
 from hotice.sim.config import TaskConfig, get_preset
 from hotice.sim.events import Starter, push, turn_about_root
 from hotice.sim.memory import check_memory
-from hotice.sim.observations import POLICY, PRIVILEGED, ObservationTable
+from hotice.sim.observations import PRIVILEGED, ObservationTable, policy_rows
 from hotice.sim.physics import make_physics
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
+from hotice.sim.scan import scan_points
 from hotice.sim.sensing import KNOWN_ROWS, Sensors
 from hotice.sim.snapshot import NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
 from hotice.sim.terminations import OUTCOMES, TERMINATIONS
@@ -125,8 +126,9 @@ class TransportEnv:
         self.object_cover = cover.object_spheres(self.carry.cover_centre, self.carry.cover_radius, self.layout.object)
         self.starter = Starter(cfg, self.bank, self.carry, self.layout, self.device)
         self.rewards = RewardTable(REWARDS, self.agents, cfg.control_dt_s)
-        self.policy_table = ObservationTable(POLICY)
-        self.critic_table = ObservationTable(POLICY + PRIVILEGED)
+        rows = policy_rows(cfg.scan)
+        self.policy_table = ObservationTable(rows)
+        self.critic_table = ObservationTable(rows + PRIVILEGED)
         self.everyone = torch.arange(num_envs, device=self.device)
         self.memory = Memory.zeros(num_envs, self.device)
         self.held = torch.zeros(num_envs, 20, device=self.device)
@@ -333,8 +335,14 @@ class TransportEnv:
         return {
             "sgf": sgf, "ogf": ogf, "c_W": c_W, "speed": speed, "goal_Y": goal_Y,
             "heading_error": heading_error(c_W, speed, motion.yaw, cfg.speed_m_s),
-            "goal_distance": offset_W.norm(dim=-1),
+            "goal_distance": offset_W.norm(dim=-1), "scan": self._scan(motion, scene),
         }  # fmt: skip
+
+    def _scan(self, motion: Motion, scene: Tensor) -> Tensor:
+        """Signed distances at the points of the local scan, (N, 40) [m], or (N, 0) without one."""
+        if not self.config.scan:
+            return motion.yaw.new_empty(len(motion.yaw), 0)
+        return self.bank.signed_distance(scene, scan_points(motion))
 
     def _clearances(self, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
         """Smallest gap between cover spheres and obstacles, robot and object, (N,) each, from the frames of all bodies."""

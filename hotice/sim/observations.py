@@ -18,6 +18,7 @@ from hotice.fields.alignment import encode
 from hotice.fields.bank import FieldSample
 from hotice.model import g1
 from hotice.model.objects import OCTANTS
+from hotice.model.scan import BODY_POINTS, FOOT_POINTS, nearness
 from hotice.sim.snapshot import FOOT_ENDS, Snapshot
 
 Mirror = tuple[np.ndarray, np.ndarray]
@@ -105,6 +106,17 @@ POLICY: tuple[Observation, ...] = (
     Observation("sgf", lambda s: _field(s, s.sgf), _FIELD_SGF, "Standard Guidance Field at nine keypoints"),
     Observation("ogf", lambda s: _field(s, s.ogf), _FIELD_OGF, "Object-Centric Guidance Field at hands and object"),
 )  # fmt: skip
+
+SCAN = Observation(
+    "scan", lambda s: nearness(s.scan), chain(swap([1, 0], same(len(FOOT_POINTS))), same(len(BODY_POINTS))),
+    "nearness of obstacles ahead of feet and body, where the task has the scan",
+)  # fmt: skip
+
+
+def policy_rows(scan: bool) -> tuple[Observation, ...]:
+    """What the actors read: `POLICY`, and the local obstacle scan where the task has it."""
+    return (*POLICY, SCAN) if scan else POLICY
+
 
 PRIVILEGED: tuple[Observation, ...] = (
     Observation("root_velocity", lambda s: s.to_yaw_frame(s.v_WP), VECTOR, "pelvis velocity in Y"),

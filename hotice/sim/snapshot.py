@@ -119,7 +119,8 @@ class Snapshot(Motion):
     (left hand, right hand, eight object keypoints). `c_W` (N, 3) is the navigation command c; its horizontal part has the
     commanded speed. `touch` (N, 2): soles on the floor.
     `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `robot_hit` and `object_hit` (N,) bool:
-    collisions, from the cover in training and from exact geometry in evaluation.
+    collisions, from the cover in training and from exact geometry in evaluation. `scan` (N, 40): signed distances at the points
+    of `hotice.model.scan` [m], or (N, 0) where the task has none.
     """
 
     sgf: FieldSample
@@ -129,6 +130,7 @@ class Snapshot(Motion):
     heading_error: Tensor
     goal_Y: Tensor
     goal_distance: Tensor
+    scan: Tensor
     clearance: Tensor
     object_clearance: Tensor
     robot_hit: Tensor

@@ -15,7 +15,7 @@ from hotice.systems.signals import GUIDANCE, PERCEPT
 
 
 class GuidanceFieldSystem(LeafSystem):
-    """Input `percept` (119,). Output `guidance` (82,): `FieldReading`, in W [m/s, m, rad].
+    """Input `percept` (119,). Output `guidance` (122,): `FieldReading`, in W [m/s, m, rad].
 
     Args:
         pf: both fields of the scene.

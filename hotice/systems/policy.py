@@ -14,7 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 from hotice.model.carry import CarryState
 from hotice.policies import PolicySession, PolicyTask
 from hotice.policies.guidance import FieldReading
-from hotice.policies.observation import LAYOUT, Carrying, observe
+from hotice.policies.observation import Carrying, layout_of, observe
 from hotice.policies.percept import Percept
 from hotice.policies.policy_file import check_layout
 from hotice.systems.signals import GUIDANCE, NUM_JOINTS, PERCEPT
@@ -32,7 +32,7 @@ class PolicySystem(LeafSystem):
     By a periodic *unrestricted* update, which Drake runs before the discrete updates of the same instant: the plant's step
     that begins now feels the action made from the state now.
 
-    Inputs `percept` (119,), `guidance` (82,); `active` (1,), optional: while it is 0 the policy rests, its clock stands and
+    Inputs `percept` (119,), `guidance` (122,); `active` (1,), optional: while it is 0 the policy rests, its clock stands and
     the target is the carry state's. Outputs `joint_target` (20,) [rad], absolute; `action` (20,), unitless.
     The state holds the last action, the last two targets, the step clock and when the action was made.
 
@@ -49,9 +49,9 @@ class PolicySystem(LeafSystem):
         self, policy: PolicySession, carry: CarryState, latency_s: float = 0.0, phase_rad: float = 0.0
     ) -> None:
         super().__init__()
-        check_layout(policy.name, policy.layout, LAYOUT)
         self.policy = policy
         self.task = PolicyTask.from_meta(policy.meta, policy.name)
+        check_layout(policy.name, policy.layout, layout_of(self.task))
         self._carrying, self._target = Carrying.of(carry), np.asarray(carry.joint_target, dtype=float)
         self._scale, self._latency = self.task.action_scale, latency_s
         self._phase_step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
@@ -70,11 +70,11 @@ class PolicySystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
 
     def observation(self, context: Context) -> NDArray[np.float32]:
-        """What the policy would read now, (241,); rows as in `hotice.policies.observation.LAYOUT`."""
+        """What the policy would read now, (201,) or (241,); rows as in `hotice.policies.observation.layout_of`."""
         percept = Percept(self._percept.Eval(context))
         reading = FieldReading(self._guidance.Eval(context))
         memory = context.get_discrete_state(MEMORY).value()
-        return observe(percept, reading, self._carrying, memory[ACTION], float(memory[PHASE]))
+        return observe(percept, reading, self._carrying, memory[ACTION], float(memory[PHASE]), self.task.scan)
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:

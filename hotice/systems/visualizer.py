@@ -39,7 +39,7 @@ _ZERO_M = 1e-3
 class Visualizer(LeafSystem):
     """Publishes to a Meshcat at `publish_hz`, and on a forced publish; everything moves, so recordings replay it all.
 
-    Inputs `robot_state` (84,); `percept` (119,) and `guidance` (82,): arrows stand where the robot believes its keypoints
+    Inputs `robot_state` (84,); `percept` (119,) and `guidance` (122,): arrows stand where the robot believes its keypoints
     are; `contact_force` (12,): arrows at ankles and hands.
 
     Args:

@@ -4,12 +4,10 @@ import pytest
 from hotice.fields import build_hod_pf
 from hotice.model.robot_state import RobotState
 from hotice.policies.guidance import read_fields
-from hotice.policies.observation import LAYOUT, Carrying, observe
+from hotice.policies.observation import Carrying, layout_of, observe
 from hotice.policies.percept import Percept, PerceptModel
 from hotice.policies.policy_task import PolicyTask
-from hotice.sim.observations import POLICY, ObservationTable
-
-TABLE = ObservationTable(POLICY)
+from hotice.sim.observations import ObservationTable, policy_rows
 
 
 @pytest.fixture(scope="module")
@@ -27,24 +25,26 @@ def twin(env, states, fields, task, i):
     percept = PerceptModel(state.carried)(*robot.to_mujoco(29))
     reading = read_fields(fields[env.bank.names[int(env.memory.scene[i])]], percept, task)
     action, phase = env.memory.action[i].numpy(), float(env.memory.phase[i])
-    return observe(percept, reading, Carrying.of(state), action, phase), percept, reading
+    return observe(percept, reading, Carrying.of(state), action, phase, task.scan), percept, reading
 
 
-def test_layout_is_the_environments():
-    assert list(LAYOUT) == TABLE.layout()
+@pytest.mark.parametrize("scan", [False, True])
+def test_layout_is_the_environments(scan):
+    assert list(layout_of(PolicyTask(scan=scan))) == ObservationTable(policy_rows(scan)).layout()
 
 
-@pytest.mark.parametrize("preset", ["dual_hodpf", "dual_sgf"])
-def test_observation_equals_the_environments(make_env, states, fields, preset):
-    env = make_env(preset)
-    task = PolicyTask(object_field="ogf" if preset.endswith("hodpf") else "sgf")
+@pytest.mark.parametrize(("preset", "scan"), [("dual_hodpf", False), ("dual_hodpf", True), ("dual_sgf", False)])
+def test_observation_equals_the_environments(make_env, states, fields, preset, scan):
+    env = make_env(preset, scan=scan)
+    task = PolicyTask(object_field="ogf" if preset.endswith("hodpf") else "sgf", scan=scan)
     s = env.snapshot()
-    wanted = TABLE(s).numpy()
-    ends = np.cumsum([0, *(w for _, w in LAYOUT)])
+    wanted = env.policy_table(s).numpy()
+    layout = layout_of(task)
+    ends = np.cumsum([0, *(w for _, w in layout)])
     for i in range(env.num_envs):
         got, percept, reading = twin(env, states, fields, task, i)
         assert got.shape == wanted[i].shape and got.dtype == np.float32
-        for (name, _), a, b in zip(LAYOUT, ends[:-1], ends[1:], strict=True):
+        for (name, _), a, b in zip(layout, ends[:-1], ends[1:], strict=True):
             np.testing.assert_allclose(got[a:b], wanted[i, a:b], atol=1e-5, err_msg=f"{name} of environment {i}")
         np.testing.assert_allclose(percept.p_WK, s.p_WK[i, :11], atol=1e-6)
         np.testing.assert_allclose(reading.goal_distance[0], s.goal_distance[i], atol=1e-6)

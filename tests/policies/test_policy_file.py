@@ -49,6 +49,14 @@ def test_task_constants():
         assert PolicyTask.from_meta(meta).object_field == preset.object_field
 
 
+def test_the_scan_is_off_unless_the_file_says_so():
+    meta = open_policy("carry").meta
+    assert not PolicyTask.from_meta(meta).scan
+    assert PolicyTask.from_meta(meta | {"task": meta["task"] | {"scan": True}}).scan
+    with pytest.raises(CheckpointError, match="scan is 1"):
+        PolicyTask.from_meta(meta | {"task": meta["task"] | {"scan": 1}})
+
+
 @pytest.mark.parametrize("value", [None, True, "0.3", float("nan"), -1.0])
 def test_an_impossible_constant_is_named(value):
     meta = open_policy("carry").meta

@@ -1,0 +1,49 @@
+"""Networks for an observation with more rows than they were trained on: the new inputs begin with zero weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+Layout = Sequence[tuple[str, int]]
+
+
+def columns_within(old: Layout, new: Layout) -> Tensor | None:
+    """Which columns of the `new` observation those of the `old` one are, (O,); None unless all rows are there."""
+    starts, at = {}, 0
+    for name, width in new:
+        starts[name] = (at, width)
+        at += width
+    if any(name not in starts or starts[name][1] != width for name, width in old):
+        return None
+    return torch.cat([torch.arange(width) + starts[name][0] for name, width in old])
+
+
+def widen(tensors: dict[str, Tensor], columns: Tensor, size: int, norm: str, net: str) -> dict[str, Tensor]:
+    """Tensors of a checkpoint for an observation of `size` numbers that holds the old one at `columns`.
+
+    First layers and their optimiser moments get zeros for the new inputs, the normaliser mean 0 and variance 1: what the
+    networks compute does not change. `norm`: the normaliser's name; `net`: of the part that reads it, actor or critic.
+    """
+    if len(columns) == size:
+        return tensors
+    columns = columns.to(tensors[f"net.{norm}.mean"].device)
+
+    def placed(value: Tensor, fill: float) -> Tensor:
+        out = value.new_full((*value.shape[:-1], size), fill)
+        out[..., columns] = value
+        return out
+
+    wider = dict(tensors)
+    for name in ("mean", "var"):
+        wider[f"net.{norm}.{name}"] = placed(tensors[f"net.{norm}.{name}"], float(name == "var"))
+    first = [k for k in tensors if k.startswith("net.nets.") and k.endswith(f".{net}.0.weight")]
+    for key in first:
+        wider[key] = placed(tensors[key], 0.0)
+    shapes = {tensors[key].shape for key in first}
+    for key, value in tensors.items():
+        if key.startswith("optimizer.") and value.shape in shapes:
+            wider[key] = placed(value, 0.0)
+    return wider
