@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from hotice.fields.command import heading_error, navigation_command
 from hotice.fields.hod_pf import HodPf
-from hotice.model import g1, scan
+from hotice.model import g1
+from hotice.model.scan import NUM_SCAN, OFFSETS_M, ORIGIN
 from hotice.policies.percept import NUM_POINTS, NUM_SGF, Percept
 from hotice.policies.policy_task import PolicyTask
 from hotice.policies.vectors import NamedVector
@@ -46,7 +47,7 @@ class FieldReading(NamedVector):
 
     SHAPES = {
         "force_W": (NUM_FIELD, 3), "distance": (NUM_FIELD,), "c_W": (3,), "speed": (1,), "heading_error": (1,),
-        "goal_distance": (1,), "scan": (scan.NUM_SCAN,),
+        "goal_distance": (1,), "scan": (NUM_SCAN,),
     }  # fmt: skip
 
 
@@ -73,6 +74,6 @@ def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
 def _scan_points(percept: Percept) -> Array:
     """Where the robot looks, (40, 3) in W [m]: the numpy twin of `hotice.sim.scan.scan_points`."""
     yaw = float(percept.yaw[0])
-    ahead, height = scan.OFFSETS_M.T
-    origins = np.stack([*percept.p_WK[_FEET], percept.p_WP])[scan.ORIGIN]
+    ahead, height = OFFSETS_M.T
+    origins = np.stack([*percept.p_WK[_FEET], percept.p_WP])[ORIGIN]
     return np.stack([origins[:, 0] + math.cos(yaw) * ahead, origins[:, 1] + math.sin(yaw) * ahead, height], axis=1)
