@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.contacts import PALM_M
 from hotice.control.keyframes import FEET, PALM_POINTS_M, PALM_RADIUS_M, KeyframeIk, ObjectPose, Pose, Rows, hinge
@@ -115,8 +115,9 @@ class Planner:
         p = self.carry.object_pos_W
         self.steps_back = bool(p[0] + half[0] + CLEAR_M > support.near_m and p[2] - half[2] < support.top_m + CLEAR_M)
 
-    def plan(self, q_start: Array, p_GO: Array, quat_GO: Array) -> PickPlan:
+    def plan(self, q_start: Array, p_GO: ArrayLike, quat_GO: ArrayLike) -> PickPlan:
         """Plans from a standing configuration (27,) to an object at p_GO (3,), quat_GO (4,). Raises `PickInfeasible`."""
+        p_GO, quat_GO = _finite("p_GO", p_GO, 3), _finite("quat_GO", quat_GO, 4)
         t, carried = self.terms, self.carried
         t.q[:], t.v[:] = q_start, 0.0
         t.refresh()
@@ -348,6 +349,13 @@ def _upright(p: Pose) -> Rows:
 def _inside(com: Array, J: Array) -> Rows:
     """Centre of mass within `COM_BOX_M`."""
     return hinge(np.concatenate([com - COM_BOX_M[0], COM_BOX_M[1] - com]), np.concatenate([J, -J]), 100.0)
+
+
+def _finite(name: str, value: ArrayLike, size: int) -> Array:
+    array = np.asarray(value, dtype=float)
+    if array.shape != (size,) or not np.isfinite(array).all():
+        raise PickInfeasible(f"{name} of the object has shape {array.shape}: {size} finite numbers are needed")
+    return array
 
 
 def _rpy(pin: Any, quat: Array) -> Array:

@@ -25,6 +25,7 @@ FRAMES = ("pelvis", "left_foot", "right_foot", "left_hand", "right_hand")
 """Frames that have tasks. The waist is welded, so the pelvis carries the torso; a foot is its ankle-roll link, soles 3.5 cm
 below; a hand is the middle of its palm (site `left_hand`)."""
 PELVIS, LEFT_FOOT, RIGHT_FOOT, LEFT_HAND, RIGHT_HAND = range(len(FRAMES))
+FEET, HANDS = slice(LEFT_FOOT, RIGHT_FOOT + 1), slice(LEFT_HAND, RIGHT_HAND + 1)
 _SOURCE = ("pelvis_site", "left_ankle_roll_link", "right_ankle_roll_link", "left_hand", "right_hand")
 
 

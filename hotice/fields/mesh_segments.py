@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from hotice.compiled import compiled
-from hotice.fields.solids import mesh_distance, mesh_normal
+from hotice.fields.solids import mesh_distance, mesh_normal, seen, turned
 from hotice.model.bvh import triangle_squared
 
 _MOST = 64
@@ -180,7 +180,7 @@ def pass_mesh(space, margin, n, a, b, depth, exact):
     u = _minus(b, a)
     length = math.sqrt(_dot(u, u))
     passed = np.empty((_MOST + 1, 4))
-    p, q = _seen(solid, n, a), _seen(solid, n, b)
+    p, q = seen(solid, n, a[0], a[1], a[2]), seen(solid, n, b[0], b[1], b[2])
     enough = 0.0 if exact else margin - depth
     near, f, number = approach(space.triangles, space.nodes, int(solid[n, 20]), p, q, margin + depth, enough, passed)
     if near >= margin + depth:
@@ -208,7 +208,7 @@ def stays_off(space, n, a, b, bound):
     """Whether segment a-b stays `bound` away from mesh n."""
     solid = space.solid
     passed = np.empty((_MOST + 1, 4))
-    p, q = _seen(solid, n, a), _seen(solid, n, b)
+    p, q = seen(solid, n, a[0], a[1], a[2]), seen(solid, n, b[0], b[1], b[2])
     return approach(space.triangles, space.nodes, int(solid[n, 20]), p, q, bound, bound, passed)[0] >= bound
 
 
@@ -247,25 +247,9 @@ def _wall(space, n, a, u, passed, i, number):
     f = 0.0 if i < 0 else 1.0
     x, y, z = a[0] + f * u[0], a[1] + f * u[1], a[2] + f * u[2]
     w = mesh_normal(space, n, x, y, z, mesh_distance(space, n, x, y, z))
-    solid = space.solid
-    return (
-        solid[n, 4] * w[0] + solid[n, 7] * w[1] + solid[n, 10] * w[2],
-        solid[n, 5] * w[0] + solid[n, 8] * w[1] + solid[n, 11] * w[2],
-        solid[n, 6] * w[0] + solid[n, 9] * w[1] + solid[n, 12] * w[2],
-    )
+    return turned(space.solid, n, w[0], w[1], w[2])
 
 
 @compiled(inline="always", error_model="numpy")
 def _signed(space, n, a, u, f):
     return mesh_distance(space, n, a[0] + f * u[0], a[1] + f * u[1], a[2] + f * u[2])
-
-
-@compiled(inline="always", error_model="numpy")
-def _seen(solid, n, p):
-    """A point of W in the frame of obstacle n."""
-    x, y, z = p[0] - solid[n, 13], p[1] - solid[n, 14], p[2] - solid[n, 15]
-    return (
-        solid[n, 4] * x + solid[n, 7] * y + solid[n, 10] * z,
-        solid[n, 5] * x + solid[n, 8] * y + solid[n, 11] * z,
-        solid[n, 6] * x + solid[n, 9] * y + solid[n, 12] * z,
-    )

@@ -21,8 +21,10 @@ from hotice.fields.solids import (
     MESH,
     convex_slope,
     mesh_normal,
+    seen,
     solid_distance,
     solid_normal,
+    turned,
 )
 
 DEPTH_PER_M = 0.25
@@ -32,16 +34,6 @@ _EXACT_M = 1e-7
 _SNAP_M = 1e-5
 """Least distance within which a bend belongs to an edge."""
 _CUTS = 40
-
-
-@compiled(inline="always", error_model="numpy")
-def _turned(solid, n, x, y, z):
-    """A direction in W, in the frame of obstacle n."""
-    return (
-        solid[n, 4] * x + solid[n, 7] * y + solid[n, 10] * z,
-        solid[n, 5] * x + solid[n, 8] * y + solid[n, 11] * z,
-        solid[n, 6] * x + solid[n, 9] * y + solid[n, 12] * z,
-    )
 
 
 @compiled(inline="always", error_model="numpy")
@@ -56,8 +48,8 @@ def _overlap(low, high, start, way, least, most):
 @compiled(nogil=True, error_model="numpy")
 def passes_box(solid, nodes, n, a, b, reach):
     """Whether segment a-b comes into the box about obstacle n, grown by `reach`; a lower bound of being near it."""
-    ax, ay, az = _turned(solid, n, a[0] - solid[n, 13], a[1] - solid[n, 14], a[2] - solid[n, 15])
-    ux, uy, uz = _turned(solid, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    ax, ay, az = seen(solid, n, a[0], a[1], a[2])
+    ux, uy, uz = turned(solid, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
     kind = solid[n, 0]
     if kind == MESH:
         root = int(solid[n, 20])
@@ -86,8 +78,8 @@ def convex_clearance(solid, n, margin, a, b, below, above):
 
     Ends early once s is certainly under `below` or over `above`; s and t are then those of the best point so far.
     """
-    ax, ay, az = _turned(solid, n, a[0] - solid[n, 13], a[1] - solid[n, 14], a[2] - solid[n, 15])
-    ux, uy, uz = _turned(solid, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    ax, ay, az = seen(solid, n, a[0], a[1], a[2])
+    ux, uy, uz = turned(solid, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
     length = math.sqrt(ux * ux + uy * uy + uz * uz)
     size = max(length, 1e-12)
     ux, uy, uz = ux / size, uy / size, uz / size
@@ -187,7 +179,7 @@ def _on_edge(solid, n, x, y, z, near):
 
     A string that cuts an edge by a little is deepest where both faces are equally near.
     """
-    x, y, z = _turned(solid, n, x - solid[n, 13], y - solid[n, 14], z - solid[n, 15])
+    x, y, z = seen(solid, n, x, y, z)
     near += _EXACT_M
     if solid[n, 0] == BOX:
         if abs(x) > solid[n, 1] - near:

@@ -98,15 +98,28 @@ def _kind_and_size(shape: Any) -> tuple[int, tuple[float, float, float]]:
 
 
 @compiled(inline="always", error_model="numpy")
+def turned(solid, n, x, y, z):
+    """A direction in W, in the frame of obstacle n."""
+    return (
+        solid[n, 4] * x + solid[n, 7] * y + solid[n, 10] * z,
+        solid[n, 5] * x + solid[n, 8] * y + solid[n, 11] * z,
+        solid[n, 6] * x + solid[n, 9] * y + solid[n, 12] * z,
+    )
+
+
+@compiled(inline="always", error_model="numpy")
+def seen(solid, n, x, y, z):
+    """A point of W in the frame of obstacle n."""
+    return turned(solid, n, x - solid[n, 13], y - solid[n, 14], z - solid[n, 15])
+
+
+@compiled(inline="always", error_model="numpy")
 def solid_distance(solid, triangles, nodes, n, x, y, z, bound, outside):
     """Exact signed distance of a point in W to obstacle n; of a mesh, `bound` when it is farther than that.
 
     `outside`: the point is known to lie outside, which spares a mesh the question.
     """
-    x, y, z = x - solid[n, 13], y - solid[n, 14], z - solid[n, 15]
-    bx = solid[n, 4] * x + solid[n, 7] * y + solid[n, 10] * z
-    by = solid[n, 5] * x + solid[n, 8] * y + solid[n, 11] * z
-    bz = solid[n, 6] * x + solid[n, 9] * y + solid[n, 12] * z
+    bx, by, bz = seen(solid, n, x, y, z)
     kind = solid[n, 0]
     if kind == BOX:
         bx, by, bz = abs(bx) - solid[n, 1], abs(by) - solid[n, 2], abs(bz) - solid[n, 3]
@@ -262,10 +275,7 @@ def convex_slope(solid, n, x, y, z, ux, uy, uz):
 @compiled(nogil=True, error_model="numpy")
 def solid_normal(solid, n, x, y, z):
     """Unit gradient in W of the signed distance to convex obstacle n at a point in W."""
-    x, y, z = x - solid[n, 13], y - solid[n, 14], z - solid[n, 15]
-    bx = solid[n, 4] * x + solid[n, 7] * y + solid[n, 10] * z
-    by = solid[n, 5] * x + solid[n, 8] * y + solid[n, 11] * z
-    bz = solid[n, 6] * x + solid[n, 9] * y + solid[n, 12] * z
+    bx, by, bz = seen(solid, n, x, y, z)
     gx = convex_slope(solid, n, bx, by, bz, 1.0, 0.0, 0.0)[1]
     gy = convex_slope(solid, n, bx, by, bz, 0.0, 1.0, 0.0)[1]
     gz = convex_slope(solid, n, bx, by, bz, 0.0, 0.0, 1.0)[1]

@@ -1,0 +1,13 @@
+"""Picking an object up from a support: a phase machine over the whole-body QP.
+
+settle -> crouch -> reach -> close -> squeeze -> lift (-> back, where the support is in the way) -> retreat -> hold.
+A missed grasp opens the hands, plans anew and tries again. What cannot be mended ends in `abort`: hands off, back to standing.
+Positions are measured in G: origin on the floor between the feet at the start, x ahead.
+"""
+
+from hotice.control.pickup.config import PickupConfig
+from hotice.control.pickup.controller import Pickup
+from hotice.control.pickup.memory import PickupMemory
+from hotice.control.pickup.phases import PHASES
+
+__all__ = ["PHASES", "Pickup", "PickupConfig", "PickupMemory"]

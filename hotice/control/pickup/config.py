@@ -1,0 +1,45 @@
+"""Durations, forces and guards of a pick-up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hotice.errors import InvalidConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickupConfig:
+    """Durations, forces and guards of a pick-up, all ours."""
+
+    rate_hz: float = 200.0
+    """Control rate."""
+    settle_s: float = 0.5
+    crouch_s: float = 2.0
+    reach_s: float = 1.5
+    close_s: float = 1.0
+    touch_s: float = 1.5
+    """Longest wait for both hands to feel the object."""
+    squeeze_s: float = 1.0
+    lift_s: float = 1.8
+    retreat_s: float = 3.0
+    open_s: float = 1.0
+    stand_s: float = 2.5
+    squeeze_n: tuple[float, float] = (45.0, 60.0)
+    """Normal force of each hand for an object without mass and for one of 3.5 kg."""
+    touch_n: float = 4.0
+    """A hand touches from this force on."""
+    hold_n: float = 8.0
+    """A hand that holds less for `lost_s` has lost the object."""
+    lost_s: float = 0.2
+    risen_share: float = 0.5
+    """Of the planned rise: less at the end of the lift is a missed grasp."""
+    attempts: int = 3
+    """Grasps before giving up."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            numbers = np.atleast_1d(np.asarray(value, dtype=float))
+            if not (np.isfinite(numbers).all() and (numbers > 0).all()):
+                raise InvalidConfig(f"{name} is {value!r}: finite numbers above 0 are needed")

@@ -1,0 +1,82 @@
+"""The controller of a pick-up: plan, phases, tasks, torques."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hotice.control.controller import Command, Measurement
+from hotice.control.pick_plan import Planner, Support, ready_joints
+from hotice.control.pickup.config import PickupConfig
+from hotice.control.pickup.memory import PickupMemory
+from hotice.control.pickup.phases import Phases
+from hotice.control.pickup.tracking import Tracking
+from hotice.control.terms import Terms
+from hotice.control.whole_body_qp import QpConfig, WholeBodyQp
+from hotice.model.objects import CarriedObject
+
+Array = NDArray[np.float64]
+
+
+class Pickup:
+    """The controller; see `hotice.control.controller.Controller`.
+
+    Args:
+        carried: the object. support: what it stands on, in G.
+        p_GO, quat_GO: where it is expected, (3,) [m] and (4,) wxyz.
+        config, qp: parameters.
+
+    Raises:
+        CarryInfeasible: the object is too heavy, wide or deep to be held. PickInfeasible: it cannot be reached there.
+    """
+
+    def __init__(
+        self, carried: CarriedObject, support: Support, p_GO: ArrayLike, quat_GO: ArrayLike, *,
+        config: PickupConfig | None = None, qp: QpConfig | None = None,
+    ) -> None:  # fmt: skip
+        self.config = config or PickupConfig()
+        self.carried, self.support = carried, support
+        self.planner = Planner(carried, support)
+        self.carry = self.planner.carry
+        self.start_q = np.concatenate([
+            self.carry.root_pos_W, np.roll(self.carry.quat_WP, -1), ready_joints(self.carry)
+        ])  # fmt: skip
+        self.expected = self.planner.plan(self.start_q, p_GO, quat_GO)
+        low, high = self.config.squeeze_n
+        self.squeeze_n = low + (high - low) * min(carried.mass_kg / 3.5, 1.0)
+        self._qp = WholeBodyQp(self.planner.wrist_pos, qp)
+        true, ref = self._qp.terms, Terms(self.planner.wrist_pos)
+        self._phases = Phases(self.config, self.planner, self.squeeze_n, true, ref)
+        self._tracking = Tracking(carried, self.squeeze_n, true, ref)
+
+    @property
+    def rate_hz(self) -> float:
+        """Control rate."""
+        return self.config.rate_hz
+
+    def start(self, measurement: Measurement) -> PickupMemory:
+        """Memory before the first step, of a robot that stands in front of the object."""
+        q = _configuration(measurement, self.start_q)
+        return PickupMemory(
+            qp=self._qp.start(measurement),
+            phase="settle",
+            since_s=measurement.time_s,
+            came_from=q,
+            reference=q,
+            start=q,
+        )
+
+    def step(self, memory: PickupMemory, measurement: Measurement) -> tuple[Command, PickupMemory]:
+        """One control step."""
+        memory = memory.copy()
+        track, finite = self._tracking, measurement.finite()
+        if finite:
+            self._qp.terms.update(measurement)
+            track.follow(memory, self._phases.advance(memory, measurement))
+        torque = self._qp.solve(measurement, track.targets, track.contacts, memory.qp, updated=finite).copy()
+        return Command(torque=torque, phase=memory.phase, faults=memory.qp.faults), memory
+
+
+def _configuration(m: Measurement, fallback: Array) -> Array:
+    q = np.concatenate([m.p_WP, np.roll(m.quat_WP, -1), m.joint_pos])
+    return q if np.isfinite(q).all() else fallback.copy()

@@ -1,0 +1,49 @@
+"""What a pick-up remembers from step to step."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.control.pick_plan import PickPlan
+from hotice.control.step_back import StepBack
+from hotice.control.whole_body_qp import QpMemory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(kw_only=True)
+class PickupMemory:
+    """What lasts from step to step.
+
+    Attributes:
+        phase, since_s: what is done and since when. plan: of the present attempt, None before the first.
+        came_from: (27,) reference when the phase began. reference: (27,) of the last step.
+        squeeze_n: present wished force of each hand. lost_since_s: since when a hand feels too little.
+        failure: why the pick-up was aborted, empty where it was not. attempt: grasps begun.
+    """
+
+    qp: QpMemory
+    phase: str
+    since_s: float
+    came_from: Array
+    reference: Array
+    start: Array
+    plan: PickPlan | None = None
+    squeeze_n: float = 0.0
+    load_share: float = 0.0
+    stepping: StepBack | None = None
+    air: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(2, dtype=bool))
+    shift_m: float = 0.0
+    lost_since_s: float | None = None
+    object_z_m: float = 0.0
+    attempt: int = 0
+    failure: str = ""
+    log: list[tuple[float, str, str]] = field(default_factory=list)
+
+    def copy(self) -> PickupMemory:
+        """An independent copy; plans are never changed and are shared."""
+        return replace(self, qp=copy.deepcopy(self.qp), air=self.air.copy(), log=list(self.log))

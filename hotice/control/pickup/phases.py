@@ -1,0 +1,215 @@
+"""What comes next: the phases of a pick-up, what each asks of the robot and when it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hotice.control.controller import Measurement
+from hotice.control.path import along
+from hotice.control.pick_plan import Planner
+from hotice.control.pickup.config import PickupConfig
+from hotice.control.pickup.memory import PickupMemory
+from hotice.control.step_back import StepBack, plan_step_back
+from hotice.control.terms import FEET, HANDS, Terms
+from hotice.errors import PickInfeasible
+
+Array = NDArray[np.float64]
+LANDED_N, SEARCH_M = 10.0, 0.01  # a foot that should stand but feels less goes on downwards
+FIRST_SQUEEZE_N, FIRST_SQUEEZE_N_PER_S = 25.0, 20.0  # while the hands look for the object
+
+
+@dataclass
+class Motion:
+    """What the reference of one step does beside being at a configuration, in G.
+
+    Attributes:
+        rate: (26,) velocity of the reference. com_acc: (3,) of the centre of mass.
+        feet: (2, 3) wished ankles, feet_rate: (2, 3), where a foot is in the air.
+    """
+
+    rate: Array = field(default_factory=lambda: np.zeros(26))
+    com_acc: Array = field(default_factory=lambda: np.zeros(3))
+    feet: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    feet_rate: Array = field(default_factory=lambda: np.zeros((2, 3)))
+
+
+class Phases:
+    """The phase machine; `true`: terms of the measured state, `ref`: terms of the last reference."""
+
+    def __init__(self, config: PickupConfig, planner: Planner, squeeze_n: float, true: Terms, ref: Terms) -> None:
+        self.config, self.planner, self.squeeze_n = config, planner, squeeze_n
+        self._true, self._ref = true, ref
+        self._carried = planner.carried
+
+    def advance(self, memory: PickupMemory, m: Measurement) -> Motion:
+        """One step: moves `memory` on, its reference included."""
+        before, motion = memory.reference, Motion()
+        STEPS[memory.phase](self, memory, m, motion, m.time_s - memory.since_s)
+        if memory.phase in ("lift", "back", "retreat", "hold"):
+            self._watch(memory, m)
+        motion.rate = self._ref._pin.difference(self._ref.model, before, memory.reference) * self.config.rate_hz
+        return motion
+
+    def _settle(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        if elapsed >= self.config.settle_s:
+            self._plan(memory, m)
+
+    def _crouch(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        memory.reference = self._along([memory.came_from, _plan(memory).crouch], elapsed / self.config.crouch_s)
+        if elapsed >= self.config.crouch_s:
+            self._enter(memory, m, "reach")
+
+    def _reach(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        memory.reference = self._along([memory.came_from, _plan(memory).pregrasp], elapsed / self.config.reach_s)
+        if elapsed >= self.config.reach_s:
+            memory.attempt += 1
+            self._enter(memory, m, "close")
+
+    def _close(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        c, plan = self.config, _plan(memory)
+        memory.reference = self._along([plan.pregrasp, plan.grasp], elapsed / c.close_s)
+        pressed = elapsed - 0.7 * c.close_s
+        memory.squeeze_n = float(np.clip(FIRST_SQUEEZE_N_PER_S * pressed, 0.0, FIRST_SQUEEZE_N))
+        if elapsed >= 0.7 * c.close_s and self._feels(m, c.touch_n):
+            memory.came_from = memory.reference
+            self._enter(memory, m, "squeeze")
+        elif elapsed >= c.close_s + c.touch_s:
+            self._missed(memory, m, "hands felt nothing")
+
+    def _squeeze(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        share, first = min(elapsed / self.config.squeeze_s, 1.0), FIRST_SQUEEZE_N
+        memory.reference = self._along([memory.came_from, _plan(memory).grasp], 2.0 * share)
+        if share == 0:
+            memory.squeeze_n = max(memory.squeeze_n, first)
+        else:
+            memory.squeeze_n = first + (self.squeeze_n - first) * min(2 * share, 1)
+        memory.load_share = max(2.0 * share - 1.0, 0.0)
+        if elapsed >= self.config.squeeze_s:
+            if self._feels(m, 0.4 * self.squeeze_n):
+                memory.object_z_m = self._object_z(m)
+                self._enter(memory, m, "lift")
+            else:
+                self._missed(memory, m, "hands could not squeeze")
+
+    def _lift(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        c, plan = self.config, _plan(memory)
+        memory.load_share = 1.0
+        memory.reference = self._along(plan.retreat[: plan.lift_knots + 1], elapsed / c.lift_s)
+        if elapsed < c.lift_s:
+            return
+        risen, planned = self._object_z(m) - memory.object_z_m, self.planner.rise_m
+        if risen < c.risen_share * planned:
+            self._missed(memory, m, f"object rose {100 * risen:.0f} of {100 * planned:.0f} cm")
+        elif plan.back_m > 0.0:
+            memory.stepping = self._stepping(plan.back_m)
+            self._enter(memory, m, "back")
+        else:
+            self._enter(memory, m, "retreat")
+
+    def _back(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        stepping: Any = memory.stepping  # there since the lift
+        shift, motion.com_acc[:2] = stepping.shift(elapsed)
+        swing, landing, motion.feet, motion.feet_rate = stepping.feet_at(elapsed)
+        memory.air[:] = np.arange(2) == swing
+        if landing >= 0 and m.foot_force_W is not None and np.linalg.norm(m.foot_force_W[landing]) < LANDED_N:
+            motion.feet[landing, 2] -= SEARCH_M
+            memory.air[landing] = True
+        memory.reference = memory.came_from.copy()
+        memory.reference[:2] += shift
+        if elapsed >= stepping.seconds:
+            memory.shift_m = -_plan(memory).back_m
+            self._enter(memory, m, "retreat")
+
+    def _retreat(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        plan = _plan(memory)
+        memory.reference = self._along(plan.retreat[plan.lift_knots :], elapsed / self.config.retreat_s)
+        memory.reference[0] += memory.shift_m
+        if elapsed >= self.config.retreat_s:
+            self._enter(memory, m, "hold")
+
+    def _open(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        plan = _plan(memory)
+        memory.squeeze_n = memory.load_share = 0.0
+        memory.reference = self._along([memory.came_from, plan.pregrasp, plan.crouch], elapsed / self.config.open_s)
+        if elapsed >= self.config.open_s:
+            if memory.failure:
+                self._enter(memory, m, "stand")
+            else:
+                self._plan(memory, m)
+
+    def _stand(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        memory.reference = self._along([memory.came_from, memory.start], elapsed / self.config.stand_s)
+        if elapsed >= self.config.stand_s:
+            self._enter(memory, m, "abort")
+
+    def _rest(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        """Goes on with the last reference."""
+
+    def _along(self, knots: ArrayLike, share: float) -> Array:
+        return along(self._ref._pin, self._ref.model, np.asarray(knots), share)
+
+    def _object_z(self, m: Measurement) -> float:
+        """Height of the object [m]; where it is not seen, that between the hands."""
+        if m.p_WO is None:
+            return float(self._true.p_WF[HANDS, 2].mean()) - self.planner.above_m
+        return float(m.p_WO[2])
+
+    def _enter(self, memory: PickupMemory, m: Measurement, phase: str, note: str = "") -> None:
+        memory.phase, memory.since_s, memory.came_from, memory.lost_since_s = phase, m.time_s, memory.reference, None
+        memory.air[:] = False
+        memory.log.append((m.time_s, phase, note))
+
+    def _plan(self, memory: PickupMemory, m: Measurement) -> None:
+        try:
+            if m.p_WO is None or m.quat_WO is None:
+                raise PickInfeasible("the object is not seen")
+            memory.plan = self.planner.plan(memory.start, m.p_WO, m.quat_WO)
+            self._enter(memory, m, "crouch")
+        except PickInfeasible as error:
+            memory.failure = str(error)
+            self._enter(memory, m, "stand", memory.failure)
+
+    def _missed(self, memory: PickupMemory, m: Measurement, why: str) -> None:
+        if memory.attempt >= self.config.attempts:
+            memory.failure = why
+        self._enter(memory, m, "open", why)
+
+    def _watch(self, memory: PickupMemory, m: Measurement) -> None:
+        if self._feels(m, self.config.hold_n):
+            memory.lost_since_s = None
+        elif memory.lost_since_s is None:
+            memory.lost_since_s = m.time_s
+        elif m.time_s - memory.lost_since_s > self.config.lost_s:
+            memory.failure = f"lost the object in {memory.phase}"
+            memory.plan = replace(_plan(memory), pregrasp=memory.reference, crouch=memory.reference)
+            self._enter(memory, m, "open", memory.failure)
+
+    def _feels(self, m: Measurement, least_n: float) -> bool:
+        if m.hand_force_W is None:
+            return True
+        return bool((np.linalg.norm(m.hand_force_W, axis=1) >= least_n).all())
+
+    def _stepping(self, distance_m: float) -> StepBack:
+        """Course of stepping back from where the feet are."""
+        ref, load = self._ref, self._carried.mass_kg
+        held = ref.p_WF[HANDS].mean(axis=0)
+        com = (ref.mass_kg * ref.com[:2] + load * held[:2]) / (ref.mass_kg + load)
+        return plan_step_back(self._true.p_WF[FEET].copy(), com, float(ref.com[2]), distance_m)
+
+
+def _plan(memory: PickupMemory) -> Any:
+    """The plan, which is there from `crouch` on."""
+    return memory.plan
+
+
+STEPS: dict[str, Callable[[Phases, PickupMemory, Measurement, Motion, float], None]] = {
+    "settle": Phases._settle, "crouch": Phases._crouch, "reach": Phases._reach, "close": Phases._close,
+    "squeeze": Phases._squeeze, "lift": Phases._lift, "back": Phases._back, "retreat": Phases._retreat, "hold": Phases._rest,
+    "open": Phases._open, "stand": Phases._stand, "abort": Phases._rest,
+}  # fmt: skip
+PHASES = tuple(STEPS)
