@@ -160,7 +160,8 @@ class Planner:
         for share in np.linspace(0.0, 1.0, LIFT_KNOTS + 1)[1:]:
             at = _between(pose, lifted, share)
             retreat.append(self._held(retreat[-1], grasp[7:], holds, at, turned, arms=0.5, low=self.steps_back))
-        end = self._held(self._carry_q(q_start), self.carry.joint_pos, holds, final, np.zeros(3), arms=0.3)
+        end = self._carried_stance(self._carry_q(q_start), holds, final)
+        final = ObjectPose(p_WO=self._middle_of(end) - self._offset(holds, final), R_WO=final.R_WO)
         up = retreat[-1]
         for share in np.linspace(0.0, 1.0, RETREAT_KNOTS + 1)[1:-1]:
             guess = t._pin.interpolate(t.model, up, end, share)
@@ -298,6 +299,42 @@ class Planner:
             return found
 
         return self._ik.solve(start, posture, weight, rows)
+
+    def _carried_stance(self, start: Array, holds: _Holds, at: ObjectPose) -> Array:
+        """The end: legs and pelvis of the carry state, where carrying controllers take over; the object level, as near to
+        its place there as the arms, with their wrists locked, can have it."""
+        weight = np.full(20, 0.3)
+        weight[g1.LOWER] = LEG_WEIGHT
+        R = at.R_WO @ holds.grasped.R_WO.T
+        apart = at.R_WO @ (holds.p_OH[0] - holds.p_OH[1])
+        middle = at.p_WO + self._offset(holds, at)
+        height = self.carry.root_pos_W[2]
+
+        def rows(p: Pose) -> list[Rows]:
+            t, (left, right) = self.terms, (LEFT_HAND, RIGHT_HAND)
+            found = self._stand(p, holds.feet, self.carried.mass_kg, at.p_WO)
+            found.append(
+                (200.0 * (t.p_WF[left] - t.p_WF[right] - apart), 200.0 * (t.J_WF[left, :3] - t.J_WF[right, :3]))
+            )
+            mean, J = 0.5 * (t.p_WF[left] + t.p_WF[right]), 0.5 * (t.J_WF[left, :3] + t.J_WF[right, :3])
+            soft = np.array([5.0, 60.0, 5.0])
+            found.append((soft * (mean - middle), soft[:, None] * J))
+            for f, _, R_hand in holds.hands:
+                r, J = p.frame(f, t.p_WF[f], R @ R_hand, (0.0, 40.0))
+                found.append((r[3:], J[3:]))
+            found.append((100.0 * (t.p_WF[PELVIS, 2:3] - height), 100.0 * t.J_WF[PELVIS, 2:3]))
+            found.append(p.pelvis_turn(np.zeros(3), np.array([20.0, 20.0, 20.0])))
+            return found
+
+        return self._ik.solve(start, self.carry.joint_pos, weight, rows)
+
+    def _offset(self, holds: _Holds, at: ObjectPose) -> Array:
+        return at.R_WO @ (0.5 * (holds.p_OH[0] + holds.p_OH[1]))
+
+    def _middle_of(self, q: Array) -> Array:
+        self.terms.q[:], self.terms.v[:] = q, 0.0
+        self.terms.refresh()
+        return 0.5 * (self.terms.p_WF[LEFT_HAND] + self.terms.p_WF[RIGHT_HAND])
 
     def _pulled(self, guess: Array, holds: _Holds, at: ObjectPose) -> Array:
         """The robot near `guess`, with its hands as far apart and turned as at the grasp; the object may be ahead of `at`."""

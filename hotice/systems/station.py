@@ -66,7 +66,7 @@ class Station(Diagram):
         if self.pick is None:
             self.carry = solve_carry(config.carried, Posture(pelvis_height_m=config.pelvis_height_m))
         else:
-            self.carry = self.pick.controller.carry
+            self.carry = self.pick.carry
             self.world = with_table(self.scene, self.pick.table)
         self.pf = build_hod_pf(self.world, self.task.resolution_m, self.task.margin_m)
         builder = DiagramBuilder()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
 
 from hotice.errors import NotAvailable
+from hotice.model.carry import CarryState
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape
@@ -61,11 +62,12 @@ class Sensed:
 class PickSetting:
     """A pick-up before it begins, in W.
 
-    controller: of `hotice.control.pickup`; origin: x, y [m], yaw [rad] of its frame; table: what the object stands on;
+    controller: of `hotice.control.pickup`; carry: the state in which it leaves the object; origin: x, y [m], yaw [rad] of its frame; table: what the object stands on;
     qpos: (34,) robot and object, in MuJoCo's order.
     """
 
     controller: Any
+    carry: CarryState
     origin: tuple[float, float, float]
     table: Obstacle
     qpos: Array
@@ -145,6 +147,7 @@ def plan_pick(station: Station) -> PickSetting:
     Raises `HoticeError` for an object or a table that the pick-up refuses, `NotAvailable` without the pick-up.
     """
     try:
+        from hotice.control.hand_over import end_state
         from hotice.control.pick_plan import Support
         from hotice.control.pickup import Pickup
     except ModuleNotFoundError as error:
@@ -169,7 +172,8 @@ def plan_pick(station: Station) -> PickSetting:
         quat_rotate(turn, q[:3]) + offset, quat_mul(turn, np.roll(q[3:7], 1)), q[7:27],
         quat_rotate(turn, p_GO) + offset, quat_mul(turn, upright),
     ])  # fmt: skip
-    return PickSetting(controller=controller, origin=origin, table=table, qpos=qpos)
+    carry = end_state(controller)
+    return PickSetting(controller=controller, carry=carry, origin=origin, table=table, qpos=qpos)
 
 
 def with_table(scene: Scene, table: Obstacle) -> Scene:
