@@ -301,8 +301,10 @@ class Planner:
         return self._ik.solve(start, posture, weight, rows)
 
     def _carried_stance(self, start: Array, holds: _Holds, at: ObjectPose) -> Array:
-        """The end: legs and pelvis of the carry state, where carrying controllers take over; the object level, as near to
-        its place there as the arms, with their wrists locked, can have it."""
+        """The end: pelvis and legs of the carry state, from which carrying controllers take over.
+
+        The object is level and as near to its place there as the arms, with their wrists locked, can have it.
+        """
         weight = np.full(20, 0.3)
         weight[g1.LOWER] = LEG_WEIGHT
         R = at.R_WO @ holds.grasped.R_WO.T

@@ -33,6 +33,7 @@ from hotice.systems.station_control import (
     Sensed,
     add_controller,
     plan_pick,
+    table_of,
     with_table,
 )
 from hotice.systems.station_plant import PLANTS, add_plant
@@ -49,7 +50,7 @@ class Station(Diagram):
     Attributes:
         config, plant_name, controller_name: as given.
         scene: of the config; world: the same and, for a pick-up, the table; pf: its fields.
-        carry: carry state that the policy and `hold` keep, and where they start.
+        carry: carry state that the policy and `hold` keep, and where they start; of a pick-up, where it ends.
         policy, task: the policy file and its constants. torques: commands are torques, not joint targets.
         pick: the pick-up's setting, or None. physics_dt_s: step of the plant [s].
     """
@@ -62,13 +63,14 @@ class Station(Diagram):
         self.policy = open_policy(config.policy)
         self.task = PolicyTask.from_meta(self.policy.meta, self.policy.name)
         self.physics_dt_s = _physics_step(self)
-        self.pick = plan_pick(self) if controller.startswith("pickup") else None
-        if self.pick is None:
-            self.carry = solve_carry(config.carried, Posture(pelvis_height_m=config.pelvis_height_m))
-        else:
-            self.carry = self.pick.carry
-            self.world = with_table(self.scene, self.pick.table)
+        self.carry = solve_carry(config.carried, Posture(pelvis_height_m=config.pelvis_height_m))
+        picks = controller.startswith("pickup")
+        if picks:
+            self.world = with_table(self.scene, table_of(self))
         self.pf = build_hod_pf(self.world, self.task.resolution_m, self.task.margin_m)
+        self.pick = plan_pick(self) if picks else None
+        if self.pick is not None:
+            self.carry = self.pick.carry
         builder = DiagramBuilder()
         self._assemble(builder, meshcat)
         build(builder, self)

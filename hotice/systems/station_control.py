@@ -62,14 +62,13 @@ class Sensed:
 class PickSetting:
     """A pick-up before it begins, in W.
 
-    controller: of `hotice.control.pickup`; carry: the state in which it leaves the object; origin: x, y [m], yaw [rad] of its frame; table: what the object stands on;
-    qpos: (34,) robot and object, in MuJoCo's order.
+    controller: of `hotice.control.pickup`; carry: the state in which it leaves the object; origin: x, y [m], yaw [rad] of its
+    frame; qpos: (34,) robot and object, in MuJoCo's order.
     """
 
     controller: Any
     carry: CarryState
     origin: tuple[float, float, float]
-    table: Obstacle
     qpos: Array
 
 
@@ -142,7 +141,7 @@ def _add_pickup_then_policy(builder: DiagramBuilder, station: Station, sensed: S
 
 
 def plan_pick(station: Station) -> PickSetting:
-    """The table, the robot before it and the plan to pick the station's object up from it.
+    """The robot before the table and the plan to pick the station's object up from it.
 
     Raises `HoticeError` for an object or a table that the pick-up refuses, `NotAvailable` without the pick-up.
     """
@@ -155,25 +154,37 @@ def plan_pick(station: Station) -> PickSetting:
             f"controller {station.controller_name!r} needs {error.name}, which is not installed"
         ) from None
     config, carried = station.config, station.config.carried
-    x, y, yaw = station.scene.start
-    origin = (x, y, yaw + config.pick_bearing_rad)
-    depth, width = TABLE_M
-    top, near = config.support_height_m, config.support_near_m
+    origin, support = _pick_origin(station), Support(top_m=config.support_height_m, near_m=config.support_near_m)
     half = carried.half_extents_m
-    p_GO = np.array([near + 0.02 + half[0], 0.0, top + half[2]])
+    p_GO = np.array([support.near_m + 0.02 + half[0], 0.0, support.top_m + half[2]])
     upright = np.array([1.0, 0.0, 0.0, 0.0])
-    controller = Pickup(carried, Support(top_m=top, near_m=near), p_GO, upright)
-    turn, offset = quat_from_yaw(origin[2]), np.array([x, y, 0.0])
-    middle = quat_rotate(turn, np.array([near + 0.5 * depth, 0.0, 0.5 * top])) + offset
-    quat = tuple(float(v) for v in turn)
-    table = Obstacle(SUPPORT, "side", BoxShape((depth, width, top)), tuple(middle.tolist()), quat)  # type: ignore[arg-type]
+    departure = None
+    if station.controller_name == "pickup_then_policy":
+        from hotice.systems.departure import plan_departure
+
+        departure = plan_departure(station.pf, station.task, station.carry, origin)
+    controller = Pickup(carried, support, p_GO, upright, departure=departure)
+    turn, offset = quat_from_yaw(origin[2]), np.array([*origin[:2], 0.0])
     q = controller.start_q
     qpos = np.concatenate([
         quat_rotate(turn, q[:3]) + offset, quat_mul(turn, np.roll(q[3:7], 1)), q[7:27],
         quat_rotate(turn, p_GO) + offset, quat_mul(turn, upright),
     ])  # fmt: skip
-    carry = end_state(controller)
-    return PickSetting(controller=controller, carry=carry, origin=origin, table=table, qpos=qpos)
+    return PickSetting(controller=controller, carry=end_state(controller), origin=origin, qpos=qpos)
+
+
+def table_of(station: Station) -> Obstacle:
+    """What the object stands on, in W."""
+    (x, y, yaw), (depth, width), top = _pick_origin(station), TABLE_M, station.config.support_height_m
+    turn = quat_from_yaw(yaw)
+    middle = quat_rotate(turn, np.array([station.config.support_near_m + 0.5 * depth, 0.0, 0.5 * top])) + [x, y, 0.0]
+    quat = tuple(float(v) for v in turn)
+    return Obstacle(SUPPORT, "side", BoxShape((depth, width, top)), tuple(middle.tolist()), quat)  # type: ignore[arg-type]
+
+
+def _pick_origin(station: Station) -> tuple[float, float, float]:
+    x, y, yaw = station.scene.start
+    return x, y, yaw + station.config.pick_bearing_rad
 
 
 def with_table(scene: Scene, table: Obstacle) -> Scene:

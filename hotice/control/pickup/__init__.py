@@ -1,6 +1,6 @@
 """Picking an object up from a support: a phase machine over the whole-body QP.
 
-settle -> crouch -> reach -> close -> squeeze -> lift (-> back, where the support is in the way) -> retreat -> hold.
+settle -> crouch -> reach -> close -> squeeze -> lift (-> back, where the support is in the way) -> retreat (-> depart) -> hold.
 A missed grasp opens the hands, plans anew and tries again. What cannot be mended ends in `abort`: hands off, back to standing.
 Positions are measured in G: origin on the floor between the feet at the start, x ahead.
 """

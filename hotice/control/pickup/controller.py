@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Command, Measurement
+from hotice.control.footwork import Departure
 from hotice.control.pick_plan import Planner, Support, ready_joints
 from hotice.control.pickup.config import PickupConfig
 from hotice.control.pickup.memory import PickupMemory
@@ -24,7 +25,7 @@ class Pickup:
     Args:
         carried: the object. support: what it stands on, in G.
         p_GO, quat_GO: where it is expected, (3,) [m] and (4,) wxyz.
-        config, qp: parameters.
+        departure: steps that follow when the object is held in the carry state. config, qp: parameters.
 
     Raises:
         CarryInfeasible: the object is too heavy, wide or deep to be held. PickInfeasible: it cannot be reached there.
@@ -32,10 +33,10 @@ class Pickup:
 
     def __init__(
         self, carried: CarriedObject, support: Support, p_GO: ArrayLike, quat_GO: ArrayLike, *,
-        config: PickupConfig | None = None, qp: QpConfig | None = None,
+        departure: Departure | None = None, config: PickupConfig | None = None, qp: QpConfig | None = None,
     ) -> None:  # fmt: skip
         self.config = config or PickupConfig()
-        self.carried, self.support = carried, support
+        self.carried, self.support, self.departure = carried, support, departure or Departure()
         self.planner = Planner(carried, support)
         self.carry = self.planner.carry
         self.start_q = np.concatenate([
@@ -46,7 +47,7 @@ class Pickup:
         self.squeeze_n = low + (high - low) * min(carried.mass_kg / 3.5, 1.0)
         self._qp = WholeBodyQp(self.planner.wrist_pos, qp)
         true, ref = self._qp.terms, Terms(self.planner.wrist_pos)
-        self._phases = Phases(self.config, self.planner, self.squeeze_n, true, ref)
+        self._phases = Phases(self.config, self.planner, self.departure, self.squeeze_n, true, ref)
         self._tracking = Tracking(carried, self.squeeze_n, true, ref)
 
     @property
