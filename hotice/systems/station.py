@@ -32,6 +32,7 @@ from hotice.systems.station_control import (
     TORQUE_CONTROLLERS,
     Sensed,
     add_controller,
+    around_table,
     plan_pick,
     table_of,
     with_table,
@@ -49,7 +50,8 @@ class Station(Diagram):
 
     Attributes:
         config, plant_name, controller_name: as given.
-        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields.
+        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields,
+            which lead around the table.
         carry: carry state that the policy and `hold` keep, and where they start; of a pick-up, where it ends.
         policy, task: the policy file and its constants. torques: commands are torques, not joint targets.
         pick: the pick-up's setting, or None. physics_dt_s: step of the plant [s].
@@ -67,7 +69,7 @@ class Station(Diagram):
         picks = controller.startswith("pickup")
         if picks:
             self.world = with_table(self.scene, table_of(self))
-        self.pf = build_hod_pf(self.world, self.task.resolution_m, self.task.margin_m)
+        self.pf = build_hod_pf(around_table(self.world), self.task.resolution_m, self.task.margin_m)
         self.pick = plan_pick(self) if picks else None
         if self.pick is not None:
             self.carry = self.pick.carry

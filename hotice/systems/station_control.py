@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -194,3 +194,15 @@ def with_table(scene: Scene, table: Obstacle) -> Scene:
     low[:2], high[:2] = np.minimum(low, centre - radius)[:2], np.maximum(high, centre + radius)[:2]
     bounds = (tuple(low.tolist()), tuple(high.tolist()))
     return Scene(scene.name, bounds, scene.start, scene.goal, (*scene.obstacles, table))  # type: ignore[arg-type]
+
+
+def around_table(world: Scene) -> Scene:
+    """The scene for the fields: the table reaches up to the ceiling, or they would lead the pelvis across it."""
+    obstacles = list(world.obstacles)
+    for i, o in enumerate(obstacles):
+        if o.name == SUPPORT and isinstance(o.shape, BoxShape):
+            depth, width, _ = o.shape.size_m
+            high = world.bounds_m[1][2]
+            position = (o.position_m[0], o.position_m[1], 0.5 * high)
+            obstacles[i] = replace(o, shape=BoxShape((depth, width, high)), position_m=position)
+    return replace(world, obstacles=tuple(obstacles))
