@@ -33,6 +33,7 @@ WALK_PHASES = ("shift", "swing", "double", "stand")
 SUPPORT = "support"
 TABLE_M = (0.40, 0.60)
 """Depth and width of the table's top."""
+WIDER_M = (0.25, 0.4)  # on the side of the goal, on the other
 Array = NDArray[np.floating]
 Source = tuple[System, str]
 
@@ -197,12 +198,19 @@ def with_table(scene: Scene, table: Obstacle) -> Scene:
 
 
 def around_table(world: Scene) -> Scene:
-    """The scene for the fields: the table reaches up to the ceiling, or they would lead the pelvis across it."""
+    """The scene for the fields: the table reaches up to the ceiling, or they would lead the pelvis across it.
+
+    It is also wider, more so on the side away from the goal: whoever stands behind it is led well round its corners, and
+    straight behind it both ways would be equally long.
+    """
     obstacles = list(world.obstacles)
     for i, o in enumerate(obstacles):
         if o.name == SUPPORT and isinstance(o.shape, BoxShape):
             depth, width, _ = o.shape.size_m
-            high = world.bounds_m[1][2]
-            position = (o.position_m[0], o.position_m[1], 0.5 * high)
-            obstacles[i] = replace(o, shape=BoxShape((depth, width, high)), position_m=position)
+            high, middle = world.bounds_m[1][2], np.array(o.position_m)
+            across = quat_rotate(np.array(o.quaternion_wxyz), np.array([0.0, 1.0, 0.0]))
+            away = -1.0 if across[:2] @ (world.goal - middle[:2]) >= 0.0 else 1.0
+            middle = middle + 0.5 * away * (WIDER_M[1] - WIDER_M[0]) * across
+            place = (float(middle[0]), float(middle[1]), 0.5 * high)
+            obstacles[i] = replace(o, shape=BoxShape((depth, width + sum(WIDER_M), high)), position_m=place)
     return replace(world, obstacles=tuple(obstacles))
