@@ -1,4 +1,4 @@
-"""Steps with an object in the hands, on a course known from the start: back, then turning on the spot.
+"""Steps with an object in the hands, on a course known from the start: back, and turning.
 
 The zero-moment point rests under the standing foot while the other swings and moves over while both stand; the centre of mass
 is the only course p = c − (h/g) c̈ that has it and stays bounded, solved as one banded system. The body moves as one piece.
@@ -21,7 +21,7 @@ GRAVITY = 9.81
 SOLE_AHEAD_M = 0.035  # middle of the sole ahead of the ankle
 INWARD_M = 0.008  # where the weight rests: from the middle of the sole towards the other foot
 SWING_HEIGHT_M = 0.04
-FIRST_S, SWING_S, BOTH_S, LAST_S = 0.9, 0.5, 0.25, 1.0
+FIRST_S, SWING_S, BOTH_S, LAST_S = 0.8, 0.45, 0.2, 0.8
 LANDING_S = 0.2  # after a swing, in which its foot may still look for the floor
 GRID_S = 0.005
 STEP_M, STEP_RAD = 0.15, 0.35  # longest steps
@@ -30,7 +30,7 @@ FARTHEST_M = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Departure:
-    """How far to step back [m], then how far to turn, left positive [rad]. Raises `InvalidConfig`."""
+    """How far to step back [m] and to turn, left positive [rad]. Raises `InvalidConfig`."""
 
     back_m: float = 0.0
     turn_rad: float = 0.0
@@ -42,11 +42,20 @@ class Departure:
             raise InvalidConfig(f"turn_rad is {self.turn_rad!r}: -pi to pi are allowed")
 
     def stances(self) -> list[tuple[float, float]]:
-        """(back [m], turn [rad]) after each pair of steps; empty where there is nothing to do."""
-        backs = math.ceil(self.back_m / STEP_M - 1e-9)
-        turns = math.ceil(abs(self.turn_rad) / STEP_RAD - 1e-9)
-        found = [(self.back_m * (k + 1) / backs, 0.0) for k in range(backs)]
-        return found + [(self.back_m, self.turn_rad * (k + 1) / turns) for k in range(turns)]
+        """(back [m], turn [rad]) after each pair of steps; empty where there is nothing to do.
+
+        The first half of the way back is straight, so that the load is clear of the support before it turns.
+        """
+        count = math.ceil(max(self.back_m / STEP_M, abs(self.turn_rad) / STEP_RAD, 0.0) - 1e-9)
+        backs = max(math.ceil(self.back_m / STEP_M - 1e-9), 1)
+        turns = max(math.ceil(abs(self.turn_rad) / STEP_RAD - 1e-9), 1)
+        straight = min(backs // 2, max(count - 1, 0)) if self.turn_rad else 0
+        count = max(backs, straight + turns) if count else 0
+        found = []
+        for k in range(1, count + 1):
+            turned = min(max(k - straight, 0) / turns, 1.0)
+            found.append((self.back_m * min(k / backs, 1.0), self.turn_rad * turned))
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +139,7 @@ class Course:
 
 
 def plan_steps(feet: Array, com: Array, height_m: float, departure: Departure) -> Course:
-    """Course of stepping back along the heading of the feet, then turning.
+    """Course of stepping back along the heading of the feet and turning.
 
     Args:
         feet: (2, 4) ankles, left and right: x, y, z [m], yaw [rad]. com: (2,) centre of mass of robot and load, at rest.

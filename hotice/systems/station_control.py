@@ -22,6 +22,7 @@ from hotice.systems.controller_system import ControllerSystem
 from hotice.systems.joint_pd import JointPd
 from hotice.systems.mode_selector import HandOver, ModeSelector
 from hotice.systems.policy import PolicySystem
+from hotice.systems.rehearsal import Rehearsal
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
@@ -132,13 +133,26 @@ def _add_pickup_then_policy(builder: DiagramBuilder, station: Station, sensed: S
     policy = _add_policy(builder, station, sensed, latency_s)
     servo = _add_servo(builder, policy, sensed)
     rule = HandOver(ready_phase=PHASES.index("hold"))
-    selector = builder.AddNamedSystem("mode_selector", ModeSelector(rule, station.task.control_dt_s))
+    walk = _add_walk_later(builder, station, sensed)
+    rehearsal = Rehearsal(station, station.config.rehearsal) if station.config.rehearsal.horizon_s else None
+    selector = builder.AddNamedSystem("mode_selector", ModeSelector(rule, station.task.control_dt_s, rehearsal))
     connect(builder, pickup, "torque", selector, "pickup_torque")
     connect(builder, servo, "torque", selector, "carry_torque")
     connect(builder, pickup, "phase", selector, "phase")
     connect(builder, *sensed.contact_force, selector, "contact_force")
+    if rehearsal is not None:
+        connect(builder, walk, "torque", selector, "walk_torque")
+        connect(builder, *sensed.robot_state, selector, "robot_state")
     connect(builder, selector, "carry_active", policy, "active")
+    connect(builder, selector, "walk_active", walk, "active")
     return selector
+
+
+def _add_walk_later(builder: DiagramBuilder, station: Station, sensed: Sensed) -> System:
+    from hotice.control.walk.later import WalkLater
+
+    controller = WalkLater(station.pf, station.carry)
+    return _add_steps(builder, "walk", ControllerSystem(controller, WALK_PHASES, station.carry.torque), sensed)
 
 
 def plan_pick(station: Station) -> PickSetting:
