@@ -17,7 +17,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from hotice.errors import InvalidConfig, NotAvailable, UnknownName
 from hotice.fields import build_hod_pf
-from hotice.model import load_scene
+from hotice.model import Scene, load_scene
 from hotice.model.carry import CarryState, Posture, solve_carry
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.policies import PolicyTask, open_policy
@@ -32,12 +32,10 @@ from hotice.systems.station_control import (
     TORQUE_CONTROLLERS,
     Sensed,
     add_controller,
-    around_table,
     plan_pick,
-    table_of,
-    with_table,
 )
 from hotice.systems.station_plant import PLANTS, add_plant
+from hotice.systems.table import around_table, table_of, with_table
 from hotice.systems.visualizer import Visualizer
 
 FINE_DT_S, CONTROLLED_DT_S = 0.002, 0.005
@@ -61,14 +59,14 @@ class Station(Diagram):
         Diagram.__init__(self)
         self.config, self.plant_name, self.controller_name = config, plant, controller
         self.torques = controller in TORQUE_CONTROLLERS or config.servo == "pd"
-        self.scene = self.world = load_scene(config.scene)
+        self.scene = self.world = config.scene if isinstance(config.scene, Scene) else load_scene(config.scene)
         self.policy = open_policy(config.policy)
         self.task = PolicyTask.from_meta(self.policy.meta, self.policy.name)
         self.physics_dt_s = _physics_step(self)
         self.carry = solve_carry(config.carried, Posture(pelvis_height_m=config.pelvis_height_m))
         picks = controller.startswith("pickup")
         if picks:
-            self.world = with_table(self.scene, table_of(self))
+            self.world = with_table(self.scene, table_of(self.scene, config))
         self.pf = build_hod_pf(around_table(self.world), self.task.resolution_m, self.task.margin_m)
         self.pick = plan_pick(self) if picks else None
         if self.pick is not None:

@@ -13,6 +13,7 @@ import yaml
 from hotice.errors import HoticeError, InputError, InvalidConfig
 from hotice.files import read_bytes
 from hotice.model.objects import Box, CarriedObject, object_from_dict
+from hotice.model.scene import Scene
 from hotice.model.sensing import STUDENT_SENSING, SensingConfig
 from hotice.systems.rehearsal_config import RehearsalConfig
 from hotice.systems.safety_monitor import SafetyLimits
@@ -26,8 +27,8 @@ SENSING = {"exact": SensingConfig(), "student": STUDENT_SENSING}
 class StationConfig:
     """What stands where and how it is simulated. Raises `InvalidConfig` for impossible values."""
 
-    scene: str = "open_floor"
-    """Name of a shipped scene, or the path of a scene file."""
+    scene: str | Scene = "open_floor"
+    """Name of a shipped scene, the path of a scene file, or a scene."""
     carried: CarriedObject = field(default_factory=lambda: Box((0.30, 0.30, 0.30), 1.5))
     """The object; in a file a mapping with shape, sizes and mass_kg."""
     policy: str = "student"
@@ -75,6 +76,8 @@ class StationConfig:
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**31:
             raise InvalidConfig(f"seed is {self.seed!r}: a whole number from 0 to 2^31 - 1 is needed")
         for name in ("scene", "policy"):
+            if name == "scene" and isinstance(self.scene, Scene):
+                continue
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a name or a path is needed")
         if not isinstance(self.elliptic, bool):

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,14 +15,13 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
 from hotice.errors import NotAvailable
 from hotice.model.carry import CarryState
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
-from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 from hotice.systems.compose import connect
 from hotice.systems.controller_system import ControllerSystem
 from hotice.systems.joint_pd import JointPd
 from hotice.systems.mode_selector import HandOver, ModeSelector
 from hotice.systems.policy import PolicySystem
 from hotice.systems.rehearsal import Rehearsal
+from hotice.systems.table import pick_origin
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
@@ -31,10 +30,6 @@ CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
 """hold: the carry state's joint targets, without a policy: standing with the object."""
 TORQUE_CONTROLLERS = ("walk", "pickup", "pickup_then_policy")
 WALK_PHASES = ("shift", "swing", "double", "stand")
-SUPPORT = "support"
-TABLE_M = (0.40, 0.60)
-"""Depth and width of the table's top."""
-WIDER_M = (0.25, 0.4)  # on the side of the goal, on the other
 Array = NDArray[np.floating]
 Source = tuple[System, str]
 
@@ -169,7 +164,10 @@ def plan_pick(station: Station) -> PickSetting:
             f"controller {station.controller_name!r} needs {error.name}, which is not installed"
         ) from None
     config, carried = station.config, station.config.carried
-    origin, support = _pick_origin(station), Support(top_m=config.support_height_m, near_m=config.support_near_m)
+    origin, support = (
+        pick_origin(station.scene, config),
+        Support(top_m=config.support_height_m, near_m=config.support_near_m),
+    )
     half = carried.half_extents_m
     p_GO = np.array([support.near_m + 0.02 + half[0], 0.0, support.top_m + half[2]])
     upright = np.array([1.0, 0.0, 0.0, 0.0])
@@ -186,45 +184,3 @@ def plan_pick(station: Station) -> PickSetting:
         quat_rotate(turn, p_GO) + offset, quat_mul(turn, upright),
     ])  # fmt: skip
     return PickSetting(controller=controller, carry=end_state(controller), origin=origin, qpos=qpos)
-
-
-def table_of(station: Station) -> Obstacle:
-    """What the object stands on, in W."""
-    (x, y, yaw), (depth, width), top = _pick_origin(station), TABLE_M, station.config.support_height_m
-    turn = quat_from_yaw(yaw)
-    middle = quat_rotate(turn, np.array([station.config.support_near_m + 0.5 * depth, 0.0, 0.5 * top])) + [x, y, 0.0]
-    quat = tuple(float(v) for v in turn)
-    return Obstacle(SUPPORT, "side", BoxShape((depth, width, top)), tuple(middle.tolist()), quat)  # type: ignore[arg-type]
-
-
-def _pick_origin(station: Station) -> tuple[float, float, float]:
-    x, y, yaw = station.scene.start
-    return x, y, yaw + station.config.pick_bearing_rad
-
-
-def with_table(scene: Scene, table: Obstacle) -> Scene:
-    """The scene and the table in it, its bounds widened to hold both."""
-    centre, radius = table.bounding_ball()
-    low, high = (np.array(b) for b in scene.bounds_m)
-    low[:2], high[:2] = np.minimum(low, centre - radius)[:2], np.maximum(high, centre + radius)[:2]
-    bounds = (tuple(low.tolist()), tuple(high.tolist()))
-    return Scene(scene.name, bounds, scene.start, scene.goal, (*scene.obstacles, table))  # type: ignore[arg-type]
-
-
-def around_table(world: Scene) -> Scene:
-    """The scene for the fields: the table reaches up to the ceiling, or they would lead the pelvis across it.
-
-    It is also wider, more so on the side away from the goal: whoever stands behind it is led well round its corners, and
-    straight behind it both ways would be equally long.
-    """
-    obstacles = list(world.obstacles)
-    for i, o in enumerate(obstacles):
-        if o.name == SUPPORT and isinstance(o.shape, BoxShape):
-            depth, width, _ = o.shape.size_m
-            high, middle = world.bounds_m[1][2], np.array(o.position_m)
-            across = quat_rotate(np.array(o.quaternion_wxyz), np.array([0.0, 1.0, 0.0]))
-            away = -1.0 if across[:2] @ (world.goal - middle[:2]) >= 0.0 else 1.0
-            middle = middle + 0.5 * away * (WIDER_M[1] - WIDER_M[0]) * across
-            place = (float(middle[0]), float(middle[1]), 0.5 * high)
-            obstacles[i] = replace(o, shape=BoxShape((depth, width + sum(WIDER_M), high)), position_m=place)
-    return replace(world, obstacles=tuple(obstacles))
