@@ -10,8 +10,9 @@ from hotice.control.controller import Command, Measurement
 from hotice.control.terms import FEET, Terms
 from hotice.control.walk.controller import WalkController
 from hotice.control.walk.memory import STAND, WalkMemory
+from hotice.control.walk.path import PELVIS_HEIGHT_M
 from hotice.control.walk.plan import plan_walk
-from hotice.errors import HoticeError
+from hotice.errors import HoticeError, UnreachableGoal
 from hotice.fields import HodPf
 from hotice.model import g1
 from hotice.model.carry import CarryState
@@ -41,8 +42,13 @@ class WalkLater:
         """Plans. The controller belongs to the memory: another start makes another plan."""
         self._terms.update(measurement)
         x, y = self._terms.p_WF[FEET, :2].mean(axis=0)
+        place = (float(x), float(y), float(yaw_from_quat(measurement.quat_WP)))
         try:
-            plan = plan_walk(self.pf, self.state, (float(x), float(y), float(yaw_from_quat(measurement.quat_WP))))
+            if not np.isfinite(self.pf.sgf.geodesic_distance(np.array([x, y, PELVIS_HEIGHT_M]))):
+                raise UnreachableGoal(
+                    f"no way leads from ({x:.2f}, {y:.2f}) m to the goal of scene {self.pf.scene.name!r}"
+                )
+            plan = plan_walk(self.pf, self.state, place)
         except HoticeError as error:
             return LaterMemory(controller=None, memory=None, failure=str(error))
         controller = WalkController(plan, self.state, rate_hz=self.rate_hz)
