@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Command, Measurement
-from hotice.control.pick_plan import Planner, Support, ready_joints
+from hotice.control.pick_plan import Planner, Support
 from hotice.control.pickup.config import PickupConfig
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.pickup.phases import Phases
@@ -36,11 +36,9 @@ class Pickup:
     ) -> None:  # fmt: skip
         self.config = config or PickupConfig()
         self.carried, self.support = carried, support
-        self.planner = Planner(carried, support)
+        self.planner = Planner(carried, support, self.config.durations)
         self.carry = self.planner.carry
-        self.start_q = np.concatenate([
-            self.carry.root_pos_W, np.roll(self.carry.quat_WP, -1), ready_joints(self.carry)
-        ])  # fmt: skip
+        self.start_q = self.planner.start_q
         self.expected = self.planner.plan(self.start_q, p_GO, quat_GO)
         low, high = self.config.squeeze_n
         self.squeeze_n = low + (high - low) * min(carried.mass_kg / 3.5, 1.0)

@@ -60,19 +60,23 @@ class Phases:
             self._plan(memory, m)
 
     def _crouch(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
-        memory.reference = self._along([memory.came_from, _plan(memory).crouch], elapsed / self.config.crouch_s)
+        plan = _plan(memory)
+        knots = (
+            [plan.crouch] if memory.attempt else plan.to_crouch[1:]
+        )  # the path begins where the robot stood at first
+        memory.reference = self._along([memory.came_from, *knots], elapsed / self.config.crouch_s)
         if elapsed >= self.config.crouch_s:
             self._enter(memory, m, "reach")
 
     def _reach(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
-        memory.reference = self._along([memory.came_from, _plan(memory).pregrasp], elapsed / self.config.reach_s)
+        memory.reference = self._along(_plan(memory).to_pregrasp, elapsed / self.config.reach_s)
         if elapsed >= self.config.reach_s:
             memory.attempt += 1
             self._enter(memory, m, "close")
 
     def _close(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         c, plan = self.config, _plan(memory)
-        memory.reference = self._along([plan.pregrasp, plan.grasp], elapsed / c.close_s)
+        memory.reference = self._along(plan.to_grasp, elapsed / c.close_s)
         pressed = elapsed - 0.7 * c.close_s
         memory.squeeze_n = float(np.clip(FIRST_SQUEEZE_N_PER_S * pressed, 0.0, FIRST_SQUEEZE_N))
         if elapsed >= 0.7 * c.close_s and self._feels(m, c.touch_n):
@@ -186,7 +190,7 @@ class Phases:
             memory.lost_since_s = m.time_s
         elif m.time_s - memory.lost_since_s > self.config.lost_s:
             memory.failure = f"lost the object in {memory.phase}"
-            memory.plan = replace(_plan(memory), pregrasp=memory.reference, crouch=memory.reference)
+            memory.plan = replace(_plan(memory), to_crouch=memory.reference[None], to_pregrasp=memory.reference[None])
             self._enter(memory, m, "open", memory.failure)
 
     def _feels(self, m: Measurement, least_n: float) -> bool:
