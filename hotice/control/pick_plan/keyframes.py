@@ -37,7 +37,9 @@ SIGN = (1.0, -1.0)
 PALM_GAP_M = 0.008  # locked wrists cannot make palms perfectly flush
 PALM_PLACE_M = 0.08
 HELD_M, HELD_RAD = 0.001, 0.01
-"""How far the hands may move relative to each other, and the object beside its path, while they hold it."""
+"""How far the hands may move relative to each other while they hold the object."""
+LIFTED_M, LIFTED_RAD = 0.02, 0.05
+"""How far the lifted object may be beside its place."""
 CARRY_M, CARRY_RAD = 0.06, 0.1
 """How far from the carry state the object may end: locked wrists cannot bring every grasp there."""
 LEVEL_SINE = 0.05
@@ -75,7 +77,7 @@ class KeyframeSolver:
         up = hands.carried_along(task.pose, task.lifted)
         guessed = guess.held(grasp, grasp[7:], up, task.lifted, rpy, arms=0.5)
         lifted = self._held(
-            guessed, grasp[7:], up, task.lifted, grasp[3:7], 0.5, (HELD_M, HELD_RAD), "lifting the object"
+            guessed, grasp[7:], up, task.lifted, grasp[3:7], 0.5, (LIFTED_M, LIFTED_RAD), "lifting the object"
         )
         carry, low = task.grip.carry, hands.carried_along(task.pose, task.final)
         q = np.concatenate([carry.root_pos_W, np.roll(carry.quat_WP, -1), carry.joint_pos])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hotice.control.pick_plan import knot
 from hotice.control.pick_plan.grip import CLEAR_M, PALM_RADIUS_M
-from hotice.control.pick_plan.keyframes import CARRY_RAD, HELD_M, HELD_RAD, Keyframes
+from hotice.control.pick_plan.keyframes import CARRY_RAD, HELD_M, HELD_RAD, LIFTED_RAD, Keyframes
 from hotice.control.pick_plan.kinematics import to_q, to_x
 from hotice.control.pick_plan.nlp import Knots, PathProgram
 from hotice.control.pick_plan.plan import Durations
@@ -113,7 +113,7 @@ class Paths:
         theta = np.stack([knot.pack(knot.HOLDING, row) for row in rows])
         low, high = self._bounds()
         hold = np.concatenate([np.full(3, 2 * HELD_M), np.full(3, HELD_RAD + SLACK_RAD)])
-        upright = np.full(3, HELD_RAD + SLACK_RAD if lifts else CARRY_RAD)
+        upright = np.full(3, LIFTED_RAD + SLACK_RAD if lifts else CARRY_RAD + SLACK_RAD)
         pelvis = STEPPING_HEIGHT_M + SLACK_M if lifts and grip.steps_back else np.inf
         low = [np.concatenate([low, -hold, -upright, way, [-np.inf]]) for way in way_low]
         high = [np.concatenate([high, hold, upright, way, [pelvis]]) for way in way_high]
