@@ -20,7 +20,7 @@ from hotice.control.step_back import GRID_S, LANDING_S, SWING_S, plan_step_back
 from hotice.control.terms import FEET, torque_limits
 from hotice.errors import CarryInfeasible, HoticeError, InvalidConfig, PickInfeasible
 from hotice.model import Box, Cylinder, Sphere
-from hotice.model.frames import quat_from_yaw
+from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 
 BOX, TOP_M = Box((0.26, 0.28, 0.28), 1.5), 0.52
 PLACE, QUAT = np.array([NEAR_M + 0.02 + 0.13, 0.02, TOP_M + 0.14]), quat_from_yaw(0.1)
@@ -199,6 +199,47 @@ def test_measurements_that_are_not_finite_hold_and_count(pickup, standing, name)
     again, _, _ = drive(pickup, after, measurement, 0.005)
     assert again.faults == bad.faults
     np.testing.assert_allclose(again.torque, good, atol=1.0)
+
+
+def moved(measurement, x, y, yaw):
+    """The same instant elsewhere: turned by yaw, then shifted."""
+    turn, offset = quat_from_yaw(yaw), np.array([x, y, 0.0])
+    quats = {n: quat_mul(turn, getattr(measurement, n)) for n in ("quat_WP", "quat_WO")}
+    places = {n: quat_rotate(turn, getattr(measurement, n)) + offset for n in ("p_WP", "p_WO")}
+    ways = {n: quat_rotate(turn, getattr(measurement, n)) for n in ("v_WP", "v_WO", "foot_force_W", "hand_force_W")}
+    return replace(measurement, **quats, **places, **ways)
+
+
+@pytest.mark.parametrize("pose", [(1.3, -2.1, 2.4), (-0.4, 0.2, -1.0)])
+def test_the_robot_may_stand_anywhere(pickup, standing, pose):
+    """Stance and torques of a pick-up elsewhere are those at the origin, in every phase up to the grasp."""
+    away = moved(standing, *pose)
+    stance = pickup.start(away).stance
+    np.testing.assert_allclose([stance.x, stance.y, stance.yaw], pose, atol=1e-9)
+    here, there = (pickup.start(m) for m in (standing, away))
+    assert there.plan is pickup.expected  # made at construction
+    for k in range(round(pickup.rate_hz * (pickup.config.settle_s + pickup.config.crouch_s + 1.0))):
+        time_s = k / pickup.rate_hz
+        a, here = pickup.step(here, replace(standing, time_s=time_s))
+        b, there = pickup.step(there, replace(away, time_s=time_s))
+        assert a.phase == b.phase
+        np.testing.assert_allclose(a.torque, b.torque, atol=0.05)
+    assert a.phase == "reach"
+
+
+def test_no_plan_is_made_in_a_step_while_the_object_stays(pickup, standing, monkeypatch):
+    """Seen a centimetre off, the object is planned for at the start; moved later, once more."""
+    made = []
+    plan = pickup.planner.plan
+    monkeypatch.setattr(pickup.planner, "plan", lambda *args: made.append(args) or plan(*args))
+    measurement = replace(standing, p_WO=PLACE + [0.01, 0.0, 0.0])
+    memory = pickup.start(measurement)
+    assert len(made) == 1
+    drive(pickup, memory, measurement, pickup.config.settle_s + 0.1)
+    assert len(made) == 1
+    command, memory, _ = drive(pickup, memory, measurement, pickup.config.settle_s + 0.1, p_WO=PLACE - [0.01, 0.0, 0.0])
+    assert len(made) == 2 and command.phase == "crouch"
+    np.testing.assert_allclose(memory.plan.p_GO, PLACE - [0.01, 0.0, 0.0], atol=1e-4)
 
 
 def test_a_step_changes_nothing_it_is_given(pickup, standing):

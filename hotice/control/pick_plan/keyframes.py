@@ -106,7 +106,7 @@ class KeyframeSolver:
             ik.level(link, self._hand(i), max(LEVEL_SINE, abs(float(frames.R[i, 2, 0]))), "level forearms")
         self._chest(ik)
         quat = quat_mul(quat_from_yaw(task.yaw), quat_from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.1)))
-        ik.pelvis_turn(np.asarray(quat), [6.0, 1.0, 0.3])
+        ik.pelvis_turn(np.asarray(quat, dtype=np.float64), [6.0, 1.0, 0.3])
         ik.posture(grip.carry.joint_pos, _weights(ARM_WEIGHT))
         x, y, z = pose.p_WO
         return ik.solve(

@@ -13,15 +13,16 @@ from hotice.control.pick_plan import cache
 from hotice.control.pick_plan.grip import Grip, ready_joints
 from hotice.control.pick_plan.plan import Durations, PickPlan
 from hotice.control.pick_plan.support import Support
-from hotice.control.pick_plan.task import PickTask
-from hotice.control.terms import Terms
+from hotice.control.pick_plan.task import PickTask, frames_at
+from hotice.control.terms import FEET, Terms
 from hotice.errors import PickInfeasible
-from hotice.model.frames import normalize, quat_from_yaw
+from hotice.model.frames import normalize, quat_from_yaw, yaw_from_quat
 from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
 ROUNDED = 4
 """Decimals of a task, [m] and [rad]: what differs by less gets the same plan."""
+SAME_M, SAME_RAD = 0.004, 0.01
 
 
 class Planner:
@@ -59,7 +60,11 @@ class Planner:
         Raises `PickInfeasible`, naming the constraint that cannot be kept.
         """
         q, p, quat = _finite("q_start", q_start, 27), _finite("p_GO", p_GO, 3), _finite("quat_GO", quat_GO, 4)
-        q, p, quat = np.round(q, ROUNDED), np.round(p, ROUNDED), np.round(normalize(quat), ROUNDED)
+        q, p, quat = (
+            np.round(q, ROUNDED),
+            np.round(p, ROUNDED),
+            np.round(np.asarray(normalize(quat), dtype=np.float64), ROUNDED),
+        )
         q[3:7] = normalize(q[3:7])
         task = PickTask.of(self.grip, self.terms, q, p, quat)
         key = cache.plan_key(task, self.durations) if self.folder is not None else ""
@@ -69,6 +74,15 @@ class Planner:
             if self.folder is not None:
                 cache.save(self.folder, key, plan)
         return plan
+
+    def fits(self, plan: PickPlan, q_start: Array, p_GO: Array, quat_GO: Array) -> bool:
+        """Whether a plan made before serves here too: feet and object within `SAME_M` and `SAME_RAD` of where they were."""
+        now = PickTask.of(self.grip, self.terms, q_start, p_GO, quat_GO)
+        feet = frames_at(self.terms, plan.to_crouch[0], FEET)
+        turned = [np.linalg.norm(a - b) / np.sqrt(2.0) for a, b in zip(feet.R, now.feet.R, strict=True)]
+        turned.append(abs(float(yaw_from_quat(plan.quat_GO)) - now.yaw))
+        moved = [*np.linalg.norm(feet.p - now.feet.p, axis=1), np.linalg.norm(plan.p_GO - now.pose.p_WO)]
+        return bool(max(moved) <= SAME_M and max(turned) <= SAME_RAD)
 
     def _solve(self, task: PickTask) -> PickPlan:
         from hotice.control.pick_plan.keyframes import KeyframeSolver
@@ -83,7 +97,7 @@ class Planner:
         return PickPlan(
             to_crouch=crouch, to_pregrasp=reach, to_grasp=close, retreat=paths.retreat(keys), lift_knots=LIFT_KNOTS,
             p_OH=(hands.p - pose.p_WO) @ pose.R_WO, p_HO=centre, hand_point=PALM_M + [self.grip.grip_m, 0.0, 0.0],
-            p_GO=pose.p_WO, quat_GO=np.asarray(quat_from_yaw(task.yaw)), back_m=task.back_m,
+            p_GO=pose.p_WO, quat_GO=np.asarray(quat_from_yaw(task.yaw), dtype=np.float64), back_m=task.back_m,
         )  # fmt: skip
 
     @cached_property

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
 from hotice.control.path import along
-from hotice.control.pick_plan import Planner
+from hotice.control.pick_plan import PickPlan, Planner
 from hotice.control.pickup.config import PickupConfig
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.step_back import StepBack, plan_step_back
@@ -57,7 +57,7 @@ class Phases:
 
     def _settle(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         if elapsed >= self.config.settle_s:
-            self._plan(memory, m)
+            self._begin(memory, m)
 
     def _crouch(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         plan = _plan(memory)
@@ -144,7 +144,7 @@ class Phases:
             if memory.failure:
                 self._enter(memory, m, "stand")
             else:
-                self._plan(memory, m)
+                self._begin(memory, m)
 
     def _stand(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         memory.reference = self._along([memory.came_from, memory.start], elapsed / self.config.stand_s)
@@ -168,15 +168,28 @@ class Phases:
         memory.air[:] = False
         memory.log.append((m.time_s, phase, note))
 
-    def _plan(self, memory: PickupMemory, m: Measurement) -> None:
+    def foresee(self, memory: PickupMemory, m: Measurement) -> None:
+        """Plans for the object as it is seen before the first step; what hinders is left to be told when it is time to go."""
         try:
-            if m.p_WO is None or m.quat_WO is None:
-                raise PickInfeasible("the object is not seen")
-            memory.plan = self.planner.plan(memory.start, m.p_WO, m.quat_WO)
+            memory.plan = self._planned(memory, m)
+        except PickInfeasible:
+            memory.plan = None
+
+    def _begin(self, memory: PickupMemory, m: Measurement) -> None:
+        """Sets out with the plan there is, or with a new one where the object has moved since."""
+        try:
+            memory.plan = self._planned(memory, m)
             self._enter(memory, m, "crouch")
         except PickInfeasible as error:
             memory.failure = str(error)
             self._enter(memory, m, "stand", memory.failure)
+
+    def _planned(self, memory: PickupMemory, m: Measurement) -> PickPlan:
+        if m.p_WO is None or m.quat_WO is None:
+            raise PickInfeasible("the object is not seen")
+        if memory.plan is not None and self.planner.fits(memory.plan, memory.start, m.p_WO, m.quat_WO):
+            return memory.plan
+        return self.planner.plan(memory.start, m.p_WO, m.quat_WO)
 
     def _missed(self, memory: PickupMemory, m: Measurement, why: str) -> None:
         if memory.attempt >= self.config.attempts:
