@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.control.pick_plan import PickPlan
+from hotice.control.pickup.stance import Stance
 from hotice.control.step_back import StepBack
 from hotice.control.whole_body_qp import QpMemory
 
@@ -20,13 +21,15 @@ class PickupMemory:
     """What lasts from step to step.
 
     Attributes:
-        phase, since_s: what is done and since when. plan: of the present attempt, None before the first.
+        stance: the frame G of all that follows, None before the first finite measurement. start: (27,) the robot at the start.
+        phase, since_s: what is done and since when. plan: of the present attempt; None while there is none.
         came_from: (27,) reference when the phase began. reference: (27,) of the last step.
         squeeze_n: present wished force of each hand. lost_since_s: since when a hand feels too little.
         failure: why the pick-up was aborted, empty where it was not. attempt: grasps begun.
     """
 
     qp: QpMemory
+    stance: Stance | None
     phase: str
     since_s: float
     came_from: Array
