@@ -11,7 +11,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("proxsuite")
 
 from hotice.control.contacts import PALM_M, SOLE_POINTS_M, Contacts
-from hotice.control.keyframes import PALM_POINTS_M, PALM_RADIUS_M
+from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M
 from hotice.control.plant import TorquePlant
 from hotice.control.solvers import Guess, Problem, make_solver
 from hotice.control.tasks import Targets
