@@ -15,7 +15,7 @@ from hotice.control.path import along, ease
 from hotice.control.pick_plan import Planner, Support
 from hotice.control.pick_plan.task import COM_BOX_M, frames_at
 from hotice.control.pick_plan.trajectory import JOINT_SPEED
-from hotice.control.pickup import Pickup, PickupConfig
+from hotice.control.pickup import Pickup, PickupConfig, Stance
 from hotice.control.step_back import GRID_S, LANDING_S, SWING_S, plan_step_back
 from hotice.control.terms import FEET, torque_limits
 from hotice.errors import CarryInfeasible, HoticeError, InvalidConfig, PickInfeasible
@@ -295,4 +295,11 @@ def test_a_whole_pick(carried):
 def test_a_whole_pick_with_steps_back():
     """From a support so high that the robot steps back before it lowers the object."""
     result = run(Trial(Box((0.30, 0.26, 0.28), 2.0), 0.72, 0.02, 0.0, 0.0, 1.5, 3))
+    assert result.cause == "", result
+
+
+@pytest.mark.slow
+def test_a_whole_pick_away_from_the_origin():
+    """Standing elsewhere and facing another way; the noise of the object's place stays along the world's axes."""
+    result = run(Trial(BOX, TOP_M, 0.02, 0.02, 0.1, 1.5, 3, Stance(-1.4, 2.2, 2.3)))
     assert result.cause == "", result

@@ -108,7 +108,7 @@ def test_frame_accelerations_are_derivatives_of_velocities(plant):
 
 
 def test_points_of_soles_and_palms_are_those_of_the_description():
-    """The numbers in `contacts` and `keyframes` against g1.xml."""
+    """The numbers in `contacts` and `grip` against g1.xml."""
     model = builder.build_model(None)
     for i, side in enumerate(g1.SIDES):
         for k in range(4):

@@ -79,7 +79,7 @@ def load(folder: Path, key: str) -> PickPlan | None:
         return PickPlan(**found)
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zipfile.LargeZipFile):
+    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zipfile.LargeZipFile):
         warnings.warn(f"{path} is damaged: its pick is planned again", BrokenPlanFile, stacklevel=2)
         return None
 

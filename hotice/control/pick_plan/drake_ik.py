@@ -81,7 +81,7 @@ class KeyframeIk:
         self._name(self._prog.AddBoundingBoxConstraint(low, high, self._joints), "joint limits")
         self._com = self._prog.NewContinuousVariables(3, "com")
         com = ComPositionConstraint(plant, None, self._world, ik.get_mutable_context())
-        self._name(self._prog.AddConstraint(com, np.concatenate([self._q, self._com])), "centre of mass")
+        self._name(self._prog.AddConstraint(com, np.concatenate([self._q, self._com])), "centre of mass over the feet")
 
     def place(
         self, link: str, p_F: ArrayLike, p: ArrayLike, R: Array, name: str, at_m: float = 0.0, turn: float = 0.0,
