@@ -159,7 +159,7 @@ class SensorModel(LeafSystem):
         self._gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         if config.exact:
-            self.DeclareVectorOutputPort("percept", PERCEPT, self._output)
+            self.DeclareVectorOutputPort("percept", PERCEPT, self._output, {self._state.ticket()})
             return
         start = np.zeros(ESTIMATE + 3 + PERCEPT)
         start[_LATE] = late
