@@ -104,7 +104,10 @@ def test_init_takes_the_learner_but_not_the_counters(run, tiny, tmp_path):
 
 @pytest.mark.parametrize(
     "changes, message",
-    [(dict(preset="single_hodpf"), "trained as 'dual_hodpf'"), (dict(hidden=(17,)), "networks of another shape")],
+    [
+        (dict(preset="single_hodpf"), "trained as 'dual_hodpf'"),
+        (dict(hidden=(17,)), "give --hidden 16 --critic-hidden 16$"),
+    ],
 )
 def test_a_checkpoint_of_another_kind_is_refused(run, tiny, tmp_path, changes, message):
     with pytest.raises(CheckpointError, match=message) as caught:
