@@ -16,7 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from hotice.errors import CheckpointError
+from hotice.errors import CheckpointError, OutputError
 from hotice.files import make_folder, write_text
 from hotice.learn import distributed
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, save_checkpoint
@@ -91,8 +91,15 @@ class Runner:
         return DualPpo(self.net, self.config.ppo, self.env.policy_table.mirror, mirror_action, generator)
 
     def train(self) -> bool:
-        """Runs until the limit of updates or minutes; saves at the end, also when interrupted: then False."""
+        """Runs until the limit of updates or minutes; saves at the end, also when interrupted: then False.
+
+        Raises `OutputError` where the folder holds another run: its checkpoints would outlive the new ones.
+        """
         cfg = self.config
+        if not (cfg.resume or self.update) and (there := list_checkpoints(cfg.out)):
+            raise OutputError(
+                f"{cfg.out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another folder as --out"
+            )
         begin, minutes_before = time.monotonic(), self.minutes
         leads = distributed.rank() == 0
         if leads:
