@@ -85,7 +85,7 @@ class EvaluateConfig:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
         for name in ("seed", "threads"):
             if not 0 <= getattr(self, name) < 2**63:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 or more is needed")
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
         switch_off(TaskConfig(), self.without)
