@@ -22,7 +22,7 @@ from rich.progress import track
 
 from hotice.control.controller import Measurement
 from hotice.control.pick_plan import Support
-from hotice.control.pickup import Pickup
+from hotice.control.pickup import Pickup, Stance
 from hotice.control.plant import TorquePlant
 from hotice.errors import CarryInfeasible, PickInfeasible
 from hotice.model import Obstacle, Scene, builder, frames
@@ -46,6 +46,8 @@ class Trial:
     yaw_rad: float
     friction: float
     seed: int
+    stance: Stance = Stance()
+    """Where the robot stands; the support is before it."""
 
     @property
     def position(self) -> np.ndarray:
@@ -83,8 +85,17 @@ def draw(shape: str, rng: np.random.Generator) -> Trial:
 
 
 def table(trial: Trial) -> Scene:
-    box = BoxShape((0.6, 0.8, trial.top_m))
-    return Scene("table", obstacles=(Obstacle("support", "side", box, (NEAR_M + 0.3, 0.0, trial.top_m / 2)),))
+    middle, quat = in_world(
+        trial.stance, np.array([NEAR_M + 0.3, 0.0, trial.top_m / 2]), np.array([1.0, 0.0, 0.0, 0.0])
+    )
+    place, turn = tuple(middle.tolist()), tuple(quat.tolist())
+    return Scene("table", obstacles=(Obstacle("support", "side", BoxShape((0.6, 0.8, trial.top_m)), place, turn),))
+
+
+def in_world(stance: Stance, p_G: np.ndarray, quat_G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A pose in W, from where the robot stands."""
+    turn = frames.quat_from_yaw(stance.yaw)
+    return frames.quat_rotate(turn, p_G) + [stance.x, stance.y, 0.0], frames.quat_mul(turn, quat_G)
 
 
 class Noise:
@@ -118,7 +129,8 @@ def run(trial: Trial, *, noisy: bool = True, watch=None) -> Result:
     model.geom_friction[[*palms, model.geom("object").id], 0] = trial.friction
     plant = TorquePlant(model)
     q = controller.start_q
-    qpos = np.concatenate([q[:3], np.roll(q[3:7], 1), q[7:], p, quat])
+    robot, thing = in_world(trial.stance, q[:3], np.roll(q[3:7], 1)), in_world(trial.stance, p, quat)
+    qpos = np.concatenate([*robot, q[7:], *thing])
     see = Noise(rng) if noisy else lambda m: m
     if noisy:
         qpos[7:27] += rng.uniform(-0.01, 0.01, 20)
@@ -139,7 +151,7 @@ def run(trial: Trial, *, noisy: bool = True, watch=None) -> Result:
             break
         if command.phase == "hold":
             held_s += steps * model.opt.timestep
-            away, turned = off_carry(controller, plant, measurement)
+            away, turned = off_carry(controller, plant, memory.stance.measurement(measurement), memory.stance)
             if held_s >= HELD_S:
                 good = away < OFF_M and turned < OFF_RAD
                 detail = f"{100 * away:.1f} cm and {np.degrees(turned):.0f} deg off"
@@ -150,9 +162,12 @@ def run(trial: Trial, *, noisy: bool = True, watch=None) -> Result:
     return Result(why.split(",")[0].split(" of ")[0], why, plant.data.time, command.faults, memory.attempt)
 
 
-def off_carry(controller: Pickup, plant: TorquePlant, m: Measurement) -> tuple[float, float]:
-    """Distance [m] and turn [rad] of the object from its place in the carry state, seen from the middle of the feet."""
-    feet = np.mean([plant.data.body(f"{s}_ankle_roll_link").xpos for s in ("left", "right")], axis=0)
+def off_carry(controller: Pickup, plant: TorquePlant, m: Measurement, stance: Stance) -> tuple[float, float]:
+    """Distance [m] and turn [rad] of the object from its place in the carry state, seen from the middle of the feet.
+
+    `m`: measured in the frame of the stance.
+    """
+    feet = stance.point(np.mean([plant.data.body(f"{s}_ankle_roll_link").xpos for s in ("left", "right")], axis=0))
     want = controller.carry.object_pos_W
     away = m.p_WO - [feet[0] + 0.035, feet[1], 0.0] - want
     turned = 2 * np.arccos(min(1.0, abs(m.quat_WO[0]))) if controller.carried.shape == "box" else 0.0

@@ -17,10 +17,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.pickup import Trial, run
+from benchmarks.pickup import NEAR_M, Trial, run
+from hotice.control.pick_plan import Support
+from hotice.control.pick_plan.grip import Grip
 from hotice.control.solvers import SOLVERS
 from hotice.control.whole_body_qp import QpConfig, WholeBodyQp
-from hotice.model.carry import solve_carry
 from hotice.model.objects import Box
 
 
@@ -35,24 +36,20 @@ def record() -> tuple[list, np.ndarray]:
         friction=1.5,
         seed=1,
     )
-    rows, solve, wrist = [], WholeBodyQp.solve, []
+    rows, solve = [], WholeBodyQp.solve
 
     def spy(self, measurement, targets, contacts, memory, **options):
         rows.append((measurement, copy.deepcopy(targets), copy.deepcopy(contacts)))
         return solve(self, measurement, targets, contacts, memory, **options)
 
-    def watch(plant, command, memory):
-        if not wrist:
-            wrist.append(solve_carry(trial.carried, grasp_height_m=0.035).wrist_pos)
-
     WholeBodyQp.solve = spy
     try:
-        result = run(trial, watch=watch)
+        result = run(trial)
     finally:
         WholeBodyQp.solve = solve
     if result.cause:
         raise SystemExit(f"the pick-up failed: {result.cause}")
-    return rows, wrist[0]
+    return rows, Grip(carried=trial.carried, support=Support(top_m=trial.top_m, near_m=NEAR_M)).wrist_pos
 
 
 def main() -> None:

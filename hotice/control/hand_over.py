@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hotice.control.pick_plan.task import frames_at
 from hotice.control.pickup import Pickup
 from hotice.model.carry import CarryState, carry_state_at
 
@@ -17,6 +18,7 @@ def end_state(pickup: Pickup) -> CarryState:
     plan, planner = pickup.expected, pickup.planner
     end = plan.retreat[-1]
     lean = 2.0 * float(np.arcsin(np.clip(end[4], -1.0, 1.0)))
+    object_pos = frames_at(planner.terms, end).p.mean(axis=0) - plan.p_OH.mean(axis=0)  # the object is level, heading x
     return carry_state_at(
-        pickup.carried, end[7:], planner.wrist_pos, plan.p_GO - end[:3], lean_rad=lean, squeeze_n=pickup.squeeze_n
+        pickup.carried, end[7:], planner.wrist_pos, object_pos - end[:3], lean_rad=lean, squeeze_n=pickup.squeeze_n
     )

@@ -51,8 +51,9 @@ class BenchmarkConfig:
     """Report file (JSON)."""
 
     def __post_init__(self) -> None:
-        if self.steps < BLOCK or self.updates < 1 or self.threads < 1:
-            raise InvalidConfig(f"benchmark needs at least {BLOCK} steps, 1 update and 1 thread")
+        for name, least in (("steps", BLOCK), ("updates", 1), ("threads", 1)):
+            if getattr(self, name) < least:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least {least} is needed")
         if not self.num_envs:
             raise InvalidConfig("num_envs is empty: at least one number of environments is needed")
         for num_envs in self.num_envs:

@@ -19,6 +19,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from hotice.errors import CheckpointError, OutputError
+from hotice.policies.policy_file import shipped_policies
 
 FORMAT = "hotice-checkpoint/1"
 TENSORS, META = "tensors.safetensors", "meta.json"
@@ -65,6 +66,11 @@ def resolve(path: Path) -> Path:
     """A checkpoint folder from a path to it or to its run. Raises `CheckpointError`."""
     if (path / META).is_file():
         return path
+    if path.suffix == ".onnx" or (str(path) in shipped_policies() and not path.is_dir()):
+        raise CheckpointError(
+            f"{path}: is an exported policy, actors without critics and optimiser: the checkpoint that it was exported from, "
+            "or its run, is needed"
+        )
     found = list_checkpoints(path) if path.is_dir() else []
     if not found:
         raise CheckpointError(

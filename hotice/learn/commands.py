@@ -64,12 +64,22 @@ class PlayConfig:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.seconds) and 0.0 < self.seconds <= 120.0):
             raise InvalidConfig(f"seconds is {self.seconds!r}: above 0 and at most 120 are allowed")
+        if self.out.suffix == ".png":
+            raise InvalidConfig(
+                f"out is {str(self.out)!r}: the picture goes there, give the page another ending (.html)"
+            )
+        if self.video is not None and self.video.suffix != ".mp4":
+            raise InvalidConfig(f"video is {str(self.video)!r}: a film is an .mp4 file")
         if self.video_of < 1:
             raise InvalidConfig(f"video_of is {self.video_of!r}: the list begins with 1")
+        if self.video is None and self.video_of != 1:
+            raise InvalidConfig(f"video_of is {self.video_of!r}: nothing is filmed, give the film's file as video")
+        if not self.scenes:
+            raise InvalidConfig("no scenes: at least one name, file or folder is needed")
         if not 1 <= self.rollouts <= 100:
             raise InvalidConfig(f"rollouts is {self.rollouts!r}: 1 to 100 are allowed")
         if not 0 <= self.seed < 2**63:
-            raise InvalidConfig(f"seed is {self.seed!r}: 0 or more is needed")
+            raise InvalidConfig(f"seed is {self.seed!r}: 0 to 2^63 - 1 is needed")
 
 
 def train(config: Flat[TrainConfig]) -> int:

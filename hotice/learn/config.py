@@ -129,14 +129,17 @@ class TrainConfig:
     """Task."""
 
     def __post_init__(self) -> None:
-        if self.num_envs < 1 or (self.num_envs * self.ppo.steps) % self.ppo.minibatches:
+        if self.num_envs < 1:
+            raise InvalidConfig(f"num_envs is {self.num_envs!r}: at least 1 is needed")
+        if (self.num_envs * self.ppo.steps) % self.ppo.minibatches:
             raise InvalidConfig(
-                f"{self.num_envs} environments x {self.ppo.steps} steps do not divide into {self.ppo.minibatches} minibatches"
+                f"{self.num_envs} environments x {self.ppo.steps} steps do not divide into {self.ppo.minibatches} "
+                "minibatches: change one of them"
             )
         for name in ("max_minutes", "checkpoint_minutes", "checkpoint_updates", "critic_updates", "threads", "seed"):
             value = getattr(self, name)
             if not 0 <= value < 2**63:  # also false for a value that is no number
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+                raise InvalidConfig(f"{name} is {value!r}: a number from 0 to 2^63 - 1 is needed")
         if self.updates < 1:
             raise InvalidConfig(f"updates is {self.updates!r}: at least 1 is needed")
         first_m, share = self.curriculum_distance_m, self.curriculum_objects
@@ -151,6 +154,8 @@ class TrainConfig:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: one or more sizes of at least 1 are needed")
         if not all(np.isfinite(s) and s > 0 for s in self.init_std):
             raise InvalidConfig(f"init_std is {self.init_std!r}: finite numbers above 0 are needed")
+        if self.perturbed:
+            _check_students(self.task)
         get_preset(self.preset)
         if self.physics not in BACKENDS:
             raise UnknownName("physics backend", self.physics, BACKENDS)
@@ -166,8 +171,21 @@ class TrainConfig:
             kind = torch.device(self.device).type
         except RuntimeError:
             raise InvalidConfig(f"device is {self.device!r}: auto, cpu, cuda or cuda:N is needed") from None
-        if kind not in ("cpu", "cuda") or (kind == "cuda" and not torch.cuda.is_available()):
+        if kind not in ("cpu", "cuda"):
+            raise InvalidConfig(f"device is {self.device!r}: auto, cpu, cuda or cuda:N is needed")
+        if kind == "cuda" and not torch.cuda.is_available():
             raise InvalidConfig(f"device {self.device!r} is not there: torch sees no such GPU on this machine")
         if kind == "cuda" and self.physics == "mujoco":
             raise InvalidConfig("physics 'mujoco' runs on the CPU: give --physics warp with a GPU")
         return self.device
+
+
+def _check_students(task: TaskConfig) -> None:
+    """Raises `InvalidConfig` where a source of perturbation is given by hand that `perturbed` would replace."""
+    exact, student = TaskConfig(), TaskConfig().perturbed()
+    for name in ("sensing", "dynamics", "push_m_s"):
+        if getattr(task, name) not in (getattr(exact, name), getattr(student, name)):
+            raise InvalidConfig(
+                f"{name} is given by hand, and perturbed takes the students' numbers in its place: give --no-perturbed, and "
+                "every source of perturbation by hand"
+            )

@@ -37,6 +37,7 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.config import TaskConfig
 from hotice.sim.env import TransportEnv
 from hotice.sim.memory import check_memory
+from hotice.sim.mujoco_batch import MujocoBatch
 from hotice.sim.perturbations import without as switch_off
 from hotice.sim.terminations import OUTCOMES
 from hotice.sim.threads import one_thread
@@ -84,7 +85,7 @@ class EvaluateConfig:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
         for name in ("seed", "threads"):
             if not 0 <= getattr(self, name) < 2**63:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 or more is needed")
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
         switch_off(TaskConfig(), self.without)
@@ -143,12 +144,20 @@ def score_block(
         outcome[ended], steps[ended], distance_m[ended] = (
             step.outcome[ended], step.length[ended], step.goal_distance[ended]
         )  # fmt: skip
+        if ended.any():
+            let_rest(env, outcome == 0)
         if on_trials:
             on_trials(int(ended.sum()))
     return Trials(
         outcome=tuple(OUTCOMES[i] for i in outcome.tolist()), distance_m=tuple(distance_m.tolist()),
         time_s=tuple(round(n * config.control_dt_s, 6) for n in steps.tolist()),
     )  # fmt: skip
+
+
+def let_rest(env: TransportEnv, running: torch.Tensor) -> None:
+    """Trials that are over stand still from now on: half of an evaluation's physics would be theirs. `running` (N,) bool."""
+    if isinstance(env.physics, MujocoBatch):
+        env.physics.only = torch.nonzero(running).squeeze(1)
 
 
 @lru_cache(maxsize=1)

@@ -74,7 +74,7 @@ def load_policy(name_or_path: str | Path, threads: int = 0) -> Policy:
     if text in shipped_policies():
         return OnnxPolicy(POLICIES / f"{text}.onnx", text, threads)
     path = Path(text)
-    if path.is_dir():
+    if text and path.is_dir():
         return torch_policy(path)
     if path.suffix == ".onnx" or path.is_file():
         return OnnxPolicy(path, threads=threads)

@@ -41,14 +41,18 @@ def record_rollouts(
     policy: Policy, scene: Scene, states: Sequence[CarryState], *, seed: int = 0, after_s: float = 0.0, threads: int = 0,
     perturbed: bool = False,
 ) -> list[RolloutRecord]:  # fmt: skip
-    """One rollout for each carry state, scored as in evaluation and recorded until `after_s` past its end.
+    """One rollout for each carry state, ended by the rules of `evaluate` and recorded until `after_s` past its end, at most 5 s.
+
+    A fall, a drop or a diverged simulation ends the record a frame before.
 
     Raises `InvalidConfig` without states, `CheckpointError` for a policy of another observation.
     """
     if not states:
         raise InvalidConfig("no carry states: at least one object is needed")
     task = evaluation_task(policy.meta["task"], perturbed=perturbed)
-    config = replace(task, end_at_goal=False, collisions=False)
+    steps = task.max_steps
+    longer_s = task.episode_s + task.control_dt_s  # so that the trial's last step is seen, not the next episode's start
+    config = replace(task, end_at_goal=False, collisions=False, episode_s=longer_s)
     bank = FieldBank.build([scene], config.resolution_m, config.margin_m)
     carry = CarryBank.of(
         states, config.physics_dt_s, torch.device("cpu"), scene=scene, dynamics=config.dynamics, seed=seed
@@ -60,19 +64,22 @@ def record_rollouts(
     frames.add(first, env.snapshot())
     end = torch.full((len(states),), -1)
     outcome = ["timeout"] * len(states)
-    restarted = torch.full((len(states),), config.max_steps)
-    for t in range(1, config.max_steps):
+    restarted = torch.full((len(states),), steps + 1)
+    for t in range(1, steps + 1):
         step = env.step(policy.act(obs))
         obs = step.policy
         s = env.snapshot()
         frames.add(env.physics.qpos, s)
-        hit = torch.stack([step.outcome == 0, ~s.robot_hit, ~s.object_hit]).all(dim=0)
-        for i in torch.nonzero((end < 0) & (~hit | step.reached)).squeeze(1).tolist():
+        ended = (step.outcome > 0) | s.robot_hit | s.object_hit | step.reached
+        for i in torch.nonzero((end < 0) & ended).squeeze(1).tolist():
             end[i] = t
-            outcome[i] = OUTCOMES[int(step.outcome[i])] if step.outcome[i] > 0 else "success"
-            if step.outcome[i] == 0 and not hit[i]:
+            if step.outcome[i] > 0:
+                outcome[i] = OUTCOMES[int(step.outcome[i])]
+            elif s.robot_hit[i] or s.object_hit[i]:
                 outcome[i] = "robot_collision" if s.robot_hit[i] else "object_collision"
-        for i in torch.nonzero((step.outcome > 0) & (restarted == config.max_steps)).squeeze(1).tolist():
+            else:
+                outcome[i] = "success"
+        for i in torch.nonzero((step.outcome > 0) & (restarted > steps)).squeeze(1).tolist():
             restarted[i] = t  # from this frame on the next episode would be shown
     return [
         _record(env, scene, states[i], frames, i, int(end[i]), int(restarted[i]), outcome[i], policy.name, after_s)

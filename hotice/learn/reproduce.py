@@ -23,6 +23,7 @@ from hotice.learn.config import TrainConfig
 from hotice.learn.evaluate import EvaluateConfig, evaluate
 from hotice.learn.paper_tables import TABLES, Made, origins_markdown, table_markdown, tables_json
 from hotice.learn.policy import load_policy
+from hotice.learn.scene_sets import resolve_scenes
 from hotice.learn.version import source_version
 from hotice.sim.config import PRESETS
 
@@ -94,8 +95,8 @@ class ReproduceConfig:
 
     def __post_init__(self) -> None:
         for name in ("rollouts", "updates", "num_envs", "seed", "threads"):
-            if getattr(self, name) < 0:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 or more is needed")
+            if not 0 <= getattr(self, name) < 2**63:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
         self.given()
 
     def given(self) -> dict[str, str]:
@@ -134,6 +135,7 @@ def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> d
     wanted = list(dict.fromkeys(row.policy for name in config.tables() for row in TABLES[name].rows))
     given, made = config.given(), {}
     _check_presets(given)
+    _check_scenes(config, wanted)
     for name in wanted:
         command = None
         if name in given:
@@ -220,9 +222,14 @@ def _check_presets(given: Mapping[str, str]) -> None:
             raise InvalidConfig(f"{name}={path}: was trained as {preset!r}, the tables need {needed!r}")
 
 
+def _check_scenes(config: ReproduceConfig, names: Sequence[str]) -> None:
+    """Raises `HoticeError` before anything is trained for scenes that are needed in the end and cannot be had."""
+    for kind in dict.fromkeys(k for name in names for k in (RECIPES[name].train_scenes, RECIPES[name].test_scenes)):
+        resolve_scenes(config.scenes(kind))
+
+
 def _unseen(config: ReproduceConfig, made: Made) -> dict[str, Any]:
     """Similarities, points and fits; draws the figure."""
-    from hotice.learn.scene_sets import resolve_scenes
     from hotice.learn.unseen import draw_unseen, similarities, unseen_points
 
     nearest = similarities(resolve_scenes(config.unseen), resolve_scenes(config.training))

@@ -16,7 +16,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from hotice.errors import CheckpointError
+from hotice.errors import CheckpointError, OutputError
+from hotice.files import make_folder, write_text
 from hotice.learn import distributed
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, save_checkpoint
 from hotice.learn.config import TrainConfig
@@ -33,6 +34,7 @@ from hotice.learn.statistics import EpisodeStatistics
 from hotice.learn.storage import Rollout
 from hotice.learn.version import source_version
 from hotice.learn.widen import columns_within, widen
+from hotice.policies.policy_file import check_layout
 from hotice.sim.env import TransportEnv
 from hotice.sim.observations import mirror_action
 from hotice.sim.threads import use_threads
@@ -89,8 +91,15 @@ class Runner:
         return DualPpo(self.net, self.config.ppo, self.env.policy_table.mirror, mirror_action, generator)
 
     def train(self) -> bool:
-        """Runs until the limit of updates or minutes; saves at the end, also when interrupted: then False."""
+        """Runs until the limit of updates or minutes; saves at the end, also when interrupted: then False.
+
+        Raises `OutputError` where the folder holds another run: its checkpoints would outlive the new ones.
+        """
         cfg = self.config
+        if not (cfg.resume or self.update) and (there := list_checkpoints(cfg.out)):
+            raise OutputError(
+                f"{cfg.out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another folder as --out"
+            )
         begin, minutes_before = time.monotonic(), self.minutes
         leads = distributed.rank() == 0
         if leads:
@@ -276,11 +285,14 @@ class Runner:
             raise CheckpointError(f"{path}: networks of another shape: {str(error).splitlines()[-1].strip()}") from None
 
     def _check_fit(self, path: Path, meta: dict[str, Any]) -> None:
-        layout = [tuple(row) for row in meta["layout"]]
-        if layout != self.env.policy_table.layout():
-            raise CheckpointError(f"{path}: observation layout differs from the environment's")
-        if meta["config"]["preset"] != self.config.preset:
-            raise CheckpointError(f"{path}: trained as {meta['config']['preset']!r}, not {self.config.preset!r}")
+        check_layout(str(path), meta["layout"], self.env.policy_table.layout())
+        theirs, ours = meta["config"]["preset"], self.config.preset
+        if theirs != ours:
+            raise CheckpointError(f"{path}: was trained as {theirs!r}, not {ours!r}: give --preset {theirs}")
+        sizes = {name: [int(n) for n in meta["config"][name]] for name in ("hidden", "critic_hidden")}
+        if any(list(getattr(self.config, name)) != given for name, given in sizes.items()):
+            mend = " ".join(f"--{name.replace('_', '-')} {' '.join(map(str, given))}" for name, given in sizes.items())
+            raise CheckpointError(f"{path}: its networks have hidden layers of other sizes: give {mend}")
 
 
 def kind_of(meta: dict[str, Any]) -> str:
@@ -329,10 +341,5 @@ def config_to_dict(config: Any) -> Any:
 
 def write_config(config: TrainConfig) -> None:
     """Writes `config.json` of a run, aside and renamed. Raises `OutputError`."""
-    from hotice.files import make_folder, write_text
-
-    make_folder(config.out)
-
-    write_text(
-        config.out / "config.json", json.dumps({**config_to_dict(config), "source": source_version()}, indent=1) + "\n"
-    )
+    content = {**config_to_dict(config), "source": source_version()}
+    write_text(make_folder(config.out) / "config.json", json.dumps(content, indent=1) + "\n")

@@ -113,14 +113,21 @@ class TrialStore:
             old, new = json.loads(read_bytes(self.folder / "settings.json", MAX_FILE_BYTES)), json.loads(text)
         except ValueError:
             return ["settings.json"]
+        if not isinstance(old, dict):
+            return ["settings.json"]
         return sorted(k for k in old.keys() | new.keys() if old.get(k) != new.get(k))
 
     def _load(self, scene: int) -> None:
-        try:
-            blocks = json.loads(read_bytes(self._file(scene), MAX_FILE_BYTES))["blocks"]
-            self.blocks |= {
-                (scene, int(b)): Trials(**{name: tuple(v) for name, v in values.items()})
-                for b, values in blocks.items()
-            }
-        except InputError:  # none of this scene yet
+        file = self._file(scene)
+        if not file.exists():  # none of this scene yet
             return
+        try:
+            for block, values in json.loads(read_bytes(file, MAX_FILE_BYTES))["blocks"].items():
+                trials = Trials(**{name: tuple(v) for name, v in values.items()})
+                if not len(trials.outcome) == len(trials.distance_m) == len(trials.time_s) > 0:
+                    raise ValueError(f"block {block}: outcomes, distances and times differ in number")
+                self.blocks[scene, int(block)] = trials
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise InputError(
+                f"{file}: is no file of trials (changed or damaged): remove it to run its trials anew"
+            ) from None

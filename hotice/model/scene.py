@@ -219,7 +219,7 @@ def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
         names = shipped_sets().get(str(item))
         if names is not None:
             scenes += [load_scene(name) for name in names]
-        elif str(item) not in shipped_scenes() and _is(Path(item).is_dir):
+        elif str(item) and str(item) not in shipped_scenes() and _is(Path(item).is_dir):
             files = sorted(Path(item).glob("*.json"))
             if not files:
                 raise InvalidScene(f"{item}: the folder holds no .json scene file")

@@ -96,11 +96,21 @@ def check_layout(name: str, theirs: Sequence[Sequence[Any]], layout: Sequence[tu
     rows = [tuple(row) for row in theirs]
     if rows == list(layout):
         return
-    wrong = [f"{a[0]} ({a[1]})" for a in rows if a not in layout] or ["another order"]
+    given = [tuple(row) for row in layout]
+    wrong = [f"the policy reads {a[0]} ({a[1]})" for a in rows if a not in given]
+    wrong += [f"the environment also gives {a[0]} ({a[1]})" for a in given if a not in rows]
     raise CheckpointError(
-        f"{name}: observation layout differs from the environment's: the policy reads {sum(w for _, w in rows)} "
-        f"numbers, the environment gives {sum(w for _, w in layout)}; first difference: {wrong[0]}"
+        f"{name}: observation layout differs from the environment's: {sum(w for _, w in rows)} numbers are read, "
+        f"{sum(w for _, w in given)} given; first difference: {(wrong or ['another order'])[0]}{_mend(rows, given)}"
     )
+
+
+def _mend(rows: Sequence[tuple[Any, ...]], given: Sequence[tuple[Any, ...]]) -> str:
+    """What to do where the local obstacle scan alone is the difference."""
+    (names, more), scan = ([row[0] for row in table] for table in (rows, given)), "scan"
+    if [n for n in names if n != scan] != [n for n in more if n != scan] or (scan in names) == (scan in more):
+        return ""
+    return f": give {'--scan' if scan in names else '--no-scan'}, or a policy for this observation"
 
 
 def content_hash(model: Any, meta: dict[str, Any]) -> str:

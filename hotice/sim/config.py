@@ -148,6 +148,10 @@ class TaskConfig:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        if self.max_steps < 1:
+            raise InvalidConfig(
+                f"episode_s is {self.episode_s!r}: at least a control step, {self.control_dt_s:g} s, is needed"
+            )
         if not 0.0 <= self.anywhere <= 1.0:
             raise InvalidConfig(f"anywhere is {self.anywhere!r}: a share between 0 and 1 is needed")
 

@@ -40,12 +40,16 @@ def _unlogged() -> Iterator[None]:
 
 
 class MujocoBatch:
-    """`Physics` on `mujoco.batch.Batch`; see there for the attributes. Tensors are float64 on the CPU."""
+    """`Physics` on `mujoco.batch.Batch`; see there for the attributes. Tensors are float64 on the CPU.
+
+    `only`: simulations that `step` advances, (n,) ids, or None for all; the others stand still and hit nothing.
+    """
 
     def __init__(self, models: Sequence[mujoco.MjModel], num_envs: int, threads: int = 0) -> None:
         if num_envs < 1:
             raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
         self.num_envs = num_envs
+        self.only: Tensor | None = None
         self.device = torch.device("cpu")
         self.models = list(models)
         first = copy.copy(self.models[0])
@@ -84,14 +88,16 @@ class MujocoBatch:
             last = k + at_once == substeps
             self._step(at_once, _STAGE.mjSTAGE_ACC if last and self.hits is not None else _STAGE.mjSTAGE_VEL)
             if self._hit_count is not None and self.hits is not None:  # a contact counts in whichever step it happens
-                self.hits |= self._hit_count > 0
+                moved = slice(None) if self.only is None else self.only
+                self.hits[moved] |= self._hit_count[moved] > 0
         self.actuator_force.copy_(self._force)
 
     def _step(self, substeps: int, stage: mujoco.mjtStage) -> None:
         """Steps, then computes stages of the new state; contact sensors are current from `mjSTAGE_ACC` on."""
         try:
             with _unlogged():
-                self.batch.step(nstep=substeps, stage=stage)
+                ids = None if self.only is None else self.only.to(torch.int32).numpy()
+                self.batch.step(ids=ids, nstep=substeps, stage=stage)
         except mujoco.batch.SimulationError as error:  # those rows keep their state: mark them, the task ends them
             self.qvel[torch.as_tensor(np.asarray(error.ids), dtype=torch.int64)] = torch.nan
 

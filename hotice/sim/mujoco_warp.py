@@ -38,8 +38,6 @@ class MujocoWarp:
         SimulationError: (in `step`) the contacts or constraints of a step outgrew their buffers.
     """
 
-    hits = None
-
     def __init__(
         self, models: Sequence[mujoco.MjModel], num_envs: int, device: torch.device | str,
         contacts: int = CONTACTS, constraints: int = CONSTRAINTS,
@@ -48,6 +46,7 @@ class MujocoWarp:
             raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
         self.num_envs = num_envs
         self.device = torch.device(device)
+        self.hits: Tensor | None = None
         self.models = list(models)
         first = self.models[0]
         if mujoco.mj_name2id(first, mujoco.mjtObj.mjOBJ_SENSOR, HIT_SENSORS[0]) >= 0:
@@ -73,7 +72,7 @@ class MujocoWarp:
             for name in differing
         }
         self._fields = {name: wp.to_torch(getattr(self._m, name)) for name in differing}
-        self._graphs: dict[int, wp.Graph] = {}
+        self._graphs: dict[int, wp.Graph | None] = {}
         everyone = torch.arange(num_envs, device=self.device)
         self.set_models(everyone, everyone % len(self.models))
 
@@ -141,8 +140,8 @@ class MujocoWarp:
 
 
 def _check_batched(names: Sequence[str]) -> None:
-    specs = {field.name: getattr(field.type, "shape", ()) for field in dataclasses.fields(mjw.Model)}
-    shared = [name for name in names if not (specs.get(name) and specs[name][0] == "*")]
+    shapes: dict[str, tuple] = {field.name: getattr(field.type, "shape", ()) for field in dataclasses.fields(mjw.Model)}
+    shared = [name for name in names if shapes.get(name, ())[:1] != ("*",)]
     if shared:
         raise InvalidConfig(
             f"models differ in {', '.join(shared)}, which MuJoCo Warp holds once for all environments: "

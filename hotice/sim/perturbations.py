@@ -15,7 +15,7 @@ SENSED: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "sensor-noise": ("joint_pos_rad", "joint_vel_rad_s", "gravity", "gyro_rad_s", "root_pos_m", "root_yaw_rad"),
         "object-noise": ("object_pos_m", "object_rot_rad", "object_filter_s"),
         "delay": ("action_delay_s", "sensor_delay_steps"),
-        "root-rate": ("root_hz",),
+        "root-rate": ("root_hz", "root_tracking"),
     }
 )
 """Fields of `SensingConfig` that a source stands for; with the noise of the object goes the filter against it."""

@@ -14,7 +14,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from hotice.model.sensing import STUDENT_SENSING, SensingConfig
+from hotice.model.sensing import (
+    STUDENT_SENSING,
+    TRACK_HEADING,
+    TRACK_PLACE,
+    TRACK_VELOCITY,
+    SensingConfig,
+)
 from hotice.sim.snapshot import Motion, Snapshot
 
 __all__ = ["KNOWN_ROWS", "STUDENT_SENSING", "Sensors", "SensingConfig"]
@@ -22,7 +28,7 @@ __all__ = ["KNOWN_ROWS", "STUDENT_SENSING", "Sensors", "SensingConfig"]
 KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size")
 """Rows of the policy observation that no sensor measures: they are never late."""
 
-_STATE = ("root", "object", "age", "action_delay", "late", "seen")
+_STATE = ("root", "velocity", "object", "age", "action_delay", "late", "seen")
 
 
 class Sensors:
@@ -41,6 +47,9 @@ class Sensors:
         self.longest_delay = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
         self.root = torch.zeros(num_envs, 4, device=device)
         """Estimate x, y [m], sine and cosine of the heading."""
+        self.velocity = torch.zeros(num_envs, 2, device=device)
+        """Tracked velocity of the root [m/s]; zero without tracking."""
+        self.dt_s = control_dt_s
         self.object = torch.zeros(num_envs, 3, 3, device=device)
         """Estimate of the object in P: position [m] and first two axes, as rows."""
         self.gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
@@ -72,6 +81,7 @@ class Sensors:
         if self.config.sensor_delay_steps:
             self.late[ids] = torch.rand(n, generator=generator, device=device) < 0.5
         self.age[ids] = 0
+        self.velocity[ids] = 0.0
 
     def delay(self, observation: Tensor, ids: Tensor) -> Tensor:
         """What the actors of environments `ids` read of their newest observation (n, O)."""
@@ -87,10 +97,11 @@ class Sensors:
         def noise(like: Tensor, half: float) -> Tensor:
             return (2.0 * torch.rand(like.shape, generator=generator, device=like.device) - 1.0) * half
 
-        fresh = (self.age[ids] % self.hold_steps == 0)[:, None]
         yaw = s.yaw + noise(s.yaw, cfg.root_yaw_rad)
         seen = torch.stack([*(s.p_WP[:, :2] + noise(s.p_WP[:, :2], cfg.root_pos_m)).unbind(1), yaw.sin(), yaw.cos()], 1)
-        root = torch.where(fresh, seen, self.root[ids])
+        gyro = s.w_WP_P + noise(s.w_WP_P, cfg.gyro_rad_s)
+        gravity = s.gravity_P + noise(s.gravity_P, cfg.gravity)
+        root = self._tracked(ids, seen, -(gyro * gravity).sum(dim=1)) if cfg.root_tracking else self._held(ids, seen)
         self.root[ids] = root
         self.age[ids] += 1
         p_WP = torch.cat([root[:, :2], s.p_WP[:, 2:]], dim=1)
@@ -112,11 +123,34 @@ class Sensors:
             "p_WP": p_WP, "yaw": yaw, "R_WP": R_EW @ s.R_WP, "p_WK": moved(s.p_WK), "p_WO": p_WO,
             "p_WOK": p_WO[:, None] + arms, "R_WO": R_EW @ R_tilt @ s.R_WO,
             "q": s.q + joint_offset + noise(s.q, cfg.joint_pos_rad), "qd": s.qd + noise(s.qd, cfg.joint_vel_rad_s),
-            "gravity_P": s.gravity_P + noise(s.gravity_P, cfg.gravity),
-            "w_WP_P": s.w_WP_P + noise(s.w_WP_P, cfg.gyro_rad_s),
+            "gravity_P": gravity, "w_WP_P": gyro,
         }  # fmt: skip
         measured = replace(s, **motion)
         return replace(measured, **self.guide(measured, ids))
+
+    def _held(self, ids: Tensor, seen: Tensor) -> Tensor:
+        """The root (n, 4) as it was last seen; `seen` (n, 4) counts where it is due."""
+        return torch.where(self._due(ids), seen, self.root[ids])
+
+    def _tracked(self, ids: Tensor, seen: Tensor, turning: Tensor) -> Tensor:
+        """The root (n, 4), moved on with its velocity and turned by the gyro, `turning` (n,) [rad/s]; corrected where due."""
+        root, velocity, due = self.root[ids], self.velocity[ids], self._due(ids)
+        place = root[:, :2] + velocity * self.dt_s
+        yaw = torch.atan2(root[:, 2], root[:, 3]) + turning * self.dt_s
+        off = seen[:, :2] - place
+        yaw_off = torch.atan2(seen[:, 2], seen[:, 3]) - yaw
+        yaw_off = torch.atan2(torch.sin(yaw_off), torch.cos(yaw_off))
+        first = (self.age[ids] == 0)[:, None]
+        faster = velocity + TRACK_VELOCITY / (self.hold_steps * self.dt_s) * off
+        self.velocity[ids] = torch.where(due & ~first, faster, velocity)
+        place = torch.where(due, place + TRACK_PLACE * off, place)
+        yaw = torch.where(due[:, 0], yaw + TRACK_HEADING * yaw_off, yaw)
+        moved = torch.cat([place, torch.sin(yaw)[:, None], torch.cos(yaw)[:, None]], dim=1)
+        return torch.where(first, seen, moved)
+
+    def _due(self, ids: Tensor) -> Tensor:
+        """Which of environments `ids` see their root now, (n, 1) bool."""
+        return (self.age[ids] % self.hold_steps == 0)[:, None]
 
     def _filtered(self, s: Snapshot, ids: Tensor, p_PO: Tensor, R_WO: Tensor) -> tuple[Tensor, Tensor]:
         """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object, both in W, after the newest measurement."""

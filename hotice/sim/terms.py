@@ -15,7 +15,6 @@ SPEED_EPS = 0.1
 ETA = FieldParams().attraction
 _STEM = [g1.stem(j) for j in g1.ACTION_JOINTS]
 _STANCE_JOINTS = [i for i, s in enumerate(_STEM) if s in ("hip_roll", "hip_yaw")]
-_ANKLE_ROLL = [i for i, s in enumerate(_STEM) if s == "ankle_roll"]
 
 
 def _moving(s: Snapshot) -> Tensor:

@@ -26,7 +26,7 @@ class GuidanceFieldSystem(LeafSystem):
         super().__init__()
         self.pf, self.task = pf, task
         self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
-        self.DeclareVectorOutputPort("guidance", GUIDANCE, self._output)
+        self.DeclareVectorOutputPort("guidance", GUIDANCE, self._output, {self._percept.ticket()})
 
     def _output(self, context: Context, output: BasicVector) -> None:
         percept = Percept(self._percept.Eval(context))

@@ -17,7 +17,7 @@ from hotice.model import builder
 from hotice.systems.signals import CONTACT_FORCE, TOUCHING_BODIES
 
 Array = NDArray[np.float64]
-STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class MujocoPlant(LeafSystem):
@@ -42,6 +42,7 @@ class MujocoPlant(LeafSystem):
         super().__init__()
         self.model = model
         self._data, self._scratch = mujoco.MjData(model), mujoco.MjData(model)
+        self._ctrl = self._data.ctrl
         self._holds = b""  # the state that `_data` was left in
         self.nq, self.nv, self.nu = model.nq, model.nv, model.nu
         self._touching = {model.body(name).id: i for i, name in enumerate(TOUCHING_BODIES)}
@@ -88,17 +89,17 @@ class MujocoPlant(LeafSystem):
 
     def _step(self, context: Context, discrete_state: DiscreteValues) -> None:
         model, data = self.model, self._data
+        command = self._actuation.Eval(context)
         state = context.get_discrete_state_vector().value()
         if state.tobytes() != self._holds:  # another Context than the last step's, or one that was set
             mujoco.mj_setState(model, data, state, STATE)
-        data.ctrl[:] = self._actuation.Eval(context)
+        self._ctrl[:] = command
         mujoco.mj_step(model, data, self._steps)
-        new = np.empty(self.size)
+        new = discrete_state.get_mutable_value()
         mujoco.mj_getState(model, data, new, STATE)
         self._holds = new.tobytes()
         if not math.isfinite(new.dot(new)):
             raise SimulationError(f"physics diverged at {context.get_time():.3f} s: the state is not finite")
-        discrete_state.set_value(new)
 
     def _output_state(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state_vector().value()[self._motion])

@@ -70,24 +70,27 @@ class PolicySystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
 
     def observation(self, context: Context) -> NDArray[np.float32]:
-        """What the policy would read now, (201,) or (241,); rows as in `hotice.policies.observation.layout_of`."""
-        percept = Percept(self._percept.Eval(context))
-        reading = FieldReading(self._guidance.Eval(context))
-        memory = context.get_discrete_state(MEMORY).value()
-        return observe(percept, reading, self._carrying, memory[ACTION], float(memory[PHASE]), self.task.scan)
+        """What the policy would read now, (241,); rows as in `hotice.policies.observation.LAYOUT`."""
+        return self._observe(context, context.get_discrete_state(MEMORY).value())
+
+    def _observe(self, context: Context, memory: Array) -> NDArray[np.float32]:
+        percept, reading = Percept(self._percept.Eval(context)), FieldReading(self._guidance.Eval(context))
+        return observe(percept, reading, self._carrying, memory[ACTION], float(memory[PHASE]))
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
             for group, rest in enumerate(self._rest):
                 state.get_mutable_discrete_state(group).SetFromVector(rest)
             return
-        raw = self.policy.run(self.observation(context)[None])[0].astype(float)
+        memory = state.get_mutable_discrete_state(MEMORY).get_mutable_value()  # still the last step's
+        target = state.get_mutable_discrete_state(TARGET).get_mutable_value()
+        raw = self.policy.run(self._observe(context, memory)[None])[0].astype(float)
         action = next_action(raw, self.task.action_limit)
-        phase = (context.get_discrete_state(MEMORY).value()[PHASE] + self._phase_step) % (2.0 * math.pi)
-        target = state.get_mutable_discrete_state(TARGET)
-        memory = np.concatenate([action, target.value(), (phase, context.get_time())])
-        target.SetFromVector(self._target + self._scale * action)
-        state.get_mutable_discrete_state(MEMORY).SetFromVector(memory)
+        memory[ACTION], memory[HELD] = action, target
+        memory[PHASE] = (memory[PHASE] + self._phase_step) % (2.0 * math.pi)
+        memory[SINCE] = context.get_time()
+        np.multiply(self._scale, action, out=target)
+        target += self._target
 
     def _output_target(self, context: Context, output: BasicVector) -> None:
         memory = context.get_discrete_state(MEMORY).value()

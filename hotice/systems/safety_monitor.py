@@ -81,15 +81,17 @@ class SafePosture:
 
 def find_fault(state: Array, command: Array, posture: SafePosture, limits: SafetyLimits) -> Fault:
     """The first fault of a robot state (84,) and a command (20,)."""
-    q = state[JOINT_POS]
-    code = _find_fault(
-        state, command, q, posture.middle, posture.half_range, math.cos(limits.tilt_rad), limits.joint_margin_rad
+    return Fault(_fault_code(state, command, posture, limits))
+
+
+def _fault_code(state: Array, command: Array, posture: SafePosture, limits: SafetyLimits) -> int:
+    return _find_fault(
+        state, command, posture.middle, posture.half_range, math.cos(limits.tilt_rad), limits.joint_margin_rad
     )
-    return Fault(code)
 
 
 @compiled
-def _find_fault(state, command, q, middle, half_range, cos_tilt, margin):
+def _find_fault(state, command, middle, half_range, cos_tilt, margin):
     for value in state:
         if not math.isfinite(value):
             return 1
@@ -98,8 +100,8 @@ def _find_fault(state, command, q, middle, half_range, cos_tilt, margin):
             return 2
     if 1.0 - 2.0 * (state[4] * state[4] + state[5] * state[5]) < cos_tilt:
         return 3
-    for j in range(len(q)):
-        if abs(q[j] - middle[j]) - half_range[j] > margin:
+    for j in range(len(middle)):
+        if abs(state[JOINT_POS[j]] - middle[j]) - half_range[j] > margin:
             return 4
     return 0
 
@@ -141,16 +143,14 @@ class SafetyMonitor(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(control_dt_s, 0.0, self._check)
 
     def _check(self, context: Context, state: State) -> None:
-        held = context.get_discrete_state_vector().value()
-        fault = Fault(int(held[4]))
-        if fault is not Fault.TILT:
-            fault = find_fault(self._state.Eval(context), self._command.Eval(context), self.posture, self.limits)
-        if fault is not Fault.NONE or held[4]:
-            counts = held.copy()
+        before = fault = int(context.get_discrete_state_vector().value()[4])
+        if before != Fault.TILT:
+            fault = _fault_code(self._state.Eval(context), self._command.Eval(context), self.posture, self.limits)
+        if fault or before:
+            counts = state.get_mutable_discrete_state(0).get_mutable_value()
             counts[4] = fault
-            if fault is not Fault.NONE:
+            if fault:
                 counts[fault - 1] += 1
-            state.get_mutable_discrete_state(0).SetFromVector(counts)
 
     def _output_command(self, context: Context, output: BasicVector) -> None:
         command = self._command.Eval(context)

@@ -14,17 +14,18 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from hotice.model.frames import quat_from_axis_angle, quat_to_mat
 from hotice.model.objects import CarriedObject
-from hotice.model.sensing import SensingConfig
+from hotice.model.sensing import TRACK_HEADING, TRACK_PLACE, TRACK_VELOCITY, SensingConfig
 from hotice.policies.percept import Percept, PerceptModel
 from hotice.systems.signals import NQ, PERCEPT, ROBOT_STATE
 
 Array = NDArray[np.float64]
 DRAWS = 55
-"""Uniform numbers a measurement takes: heading 1, place 2, object 3 + 3, joints 20 + 20, gravity 3, gyro 3."""
-ESTIMATE = 13
-"""Numbers of an estimate: the root's x, y [m], sine and cosine of its heading, then of the object in P its position [m] and
-first two axes."""
-_ESTIMATE, _AGE, _LATE, _SEED, _LAST = slice(0, 13), 13, 14, 15, slice(16, 16 + PERCEPT)
+"""Uniform numbers a measurement takes: heading 1, place 2, gyro 3, gravity 3, object 3 + 3, joints 20 + 20."""
+ESTIMATE = 15
+"""Numbers of an estimate: the root's x, y [m], sine and cosine of its heading, its tracked velocity [m/s], then of the object in
+P its position [m] and first two axes."""
+_ESTIMATE, _AGE, _LATE, _SEED, _LAST = slice(0, 15), 15, 16, 17, slice(18, 18 + PERCEPT)
+_PLACE, _VELOCITY, _OBJECT = slice(0, 2), slice(4, 6), slice(6, 15)
 
 
 def measure(
@@ -37,25 +38,31 @@ def measure(
     *,
     refresh: bool = True,
     gain: float = 1.0,
+    hold_s: float = 0.0,
+    dt_s: float = 0.0,
 ) -> tuple[Percept, Array]:
     """A measurement of a true percept, and the estimate of root and object behind it.
 
     Args:
         true: the percept without noise.
-        estimate: (13,) the last one, see `ESTIMATE`.
+        estimate: (15,) the last one, see `ESTIMATE`.
         draws: (55,) uniform numbers in [-1, 1).
         config: half widths of the noise.
         world_aligned: keypoints of the object keep world directions (spheres).
         joint_offset: (20,) error of the encoders [rad].
         refresh: whether the root's place is measured anew.
         gain: weight of the newest pose of the object; 1 forgets all others.
+        hold_s, dt_s: time between refreshes and since the last measurement [s], which tracking the root needs; 0 at the first.
     """
-    u_yaw, u_root, u_pos, u_rot, u_q, u_qd, u_gravity, u_gyro = np.split(draws, [1, 3, 6, 9, 29, 49, 52])
-    root = estimate[:4]
-    if refresh:
-        seen = true.yaw + config.root_yaw_rad * u_yaw
-        place = true.p_WP[:2] + config.root_pos_m * u_root
-        root = np.concatenate([place, np.sin(seen), np.cos(seen)])
+    u_yaw, u_root, u_gyro, u_gravity, u_pos, u_rot, u_q, u_qd = np.split(draws, [1, 3, 6, 9, 12, 15, 35])
+    gravity_P, w_WP_P = true.gravity_P + config.gravity * u_gravity, true.w_WP_P + config.gyro_rad_s * u_gyro
+    seen = np.concatenate([true.p_WP[:2] + config.root_pos_m * u_root, true.yaw + config.root_yaw_rad * u_yaw])
+    if config.root_tracking and dt_s:
+        root = track_root(estimate[:6], seen if refresh else None, -float(gravity_P @ w_WP_P), hold_s, dt_s)
+    elif refresh:
+        root = np.concatenate([seen[:2], np.sin(seen[2:]), np.cos(seen[2:]), np.zeros(2)])
+    else:
+        root = estimate[:6]
     p_WP = np.array([root[0], root[1], true.p_WP[2]])
     yaw = np.arctan2(root[2:3], root[3:4])
     turn = float(yaw[0] - true.yaw[0])
@@ -66,7 +73,7 @@ def measure(
     R_tilt = quat_to_mat(quat_from_axis_angle(tilt, np.linalg.norm(tilt)))
     R_WP = _attitude(true)
     newest = np.vstack([p_PO, (R_tilt @ true.R_WO)[:, :2].T]) @ R_WP
-    seen_object = newest if gain >= 1.0 else estimate[4:].reshape(3, 3) + gain * (newest - estimate[4:].reshape(3, 3))
+    seen_object = newest if gain >= 1.0 else _blend(estimate[_OBJECT].reshape(3, 3), newest, gain)
     if gain < 1.0:
         p_PO, x, y = seen_object @ R_WP.T
         x = x / np.linalg.norm(x)
@@ -76,12 +83,32 @@ def measure(
     p_WO = p_WP + R_EW @ p_PO
     arms = true.p_WOK - true.p_WO
     percept = Percept.of(
-        p_WP=p_WP, yaw=yaw, gravity_P=true.gravity_P + config.gravity * u_gravity,
-        w_WP_P=true.w_WP_P + config.gyro_rad_s * u_gyro, q=true.q + joint_offset + config.joint_pos_rad * u_q,
+        p_WP=p_WP, yaw=yaw, gravity_P=gravity_P, w_WP_P=w_WP_P, q=true.q + joint_offset + config.joint_pos_rad * u_q,
         qd=true.qd + config.joint_vel_rad_s * u_qd, p_WK=p_WP + (true.p_WK - true.p_WP) @ R_EW.T, p_WO=p_WO,
         R_WO=R_EW @ R_tilt @ true.R_WO, p_WOK=p_WO + (arms if world_aligned else arms @ (R_EW @ R_tilt).T),
     )  # fmt: skip
     return percept, np.concatenate([root, seen_object.ravel()])
+
+
+def track_root(root: Array, seen: Array | None, turning: float, hold_s: float, dt_s: float) -> Array:
+    """The root one measurement later: moved on with its velocity, turned by the gyro, corrected by what is `seen`.
+
+    Args:
+        root: (6,) x, y [m], sine and cosine of the heading, velocity [m/s].
+        seen: (3,) x, y [m], heading [rad]; None between refreshes.
+        turning: rate of the heading [rad/s]. hold_s: time between refreshes [s]. dt_s: time that passed [s].
+    """
+    velocity = root[_VELOCITY]
+    place, yaw = root[_PLACE] + dt_s * velocity, float(np.arctan2(root[2], root[3])) + dt_s * turning
+    if seen is not None:
+        off, yaw_off = seen[:2] - place, float(seen[2]) - yaw
+        place, velocity = place + TRACK_PLACE * off, velocity + TRACK_VELOCITY / hold_s * off
+        yaw += TRACK_HEADING * float(np.arctan2(np.sin(yaw_off), np.cos(yaw_off)))
+    return np.concatenate([place, [np.sin(yaw), np.cos(yaw)], velocity])
+
+
+def _blend(old: Array, new: Array, gain: float) -> Array:
+    return old + gain * (new - old)
 
 
 def _attitude(true: Percept) -> Array:
@@ -125,14 +152,14 @@ class SensorModel(LeafSystem):
         self, carried: CarriedObject, config: SensingConfig, control_dt_s: float, seed: int = 0, late: bool = False
     ) -> None:  # fmt: skip
         super().__init__()
-        self.config = config
+        self.config, self._dt_s = config, control_dt_s
         self._true = PerceptModel(carried)
         self._world_aligned = carried.keypoints_world_aligned
         self._hold = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
         self._gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         if config.exact:
-            self.DeclareVectorOutputPort("percept", PERCEPT, self._output)
+            self.DeclareVectorOutputPort("percept", PERCEPT, self._output, {self._state.ticket()})
             return
         start = np.zeros(ESTIMATE + 3 + PERCEPT)
         start[_LATE] = late
@@ -166,5 +193,6 @@ class SensorModel(LeafSystem):
         rng = np.random.Generator(np.random.Philox(key=int(held[_SEED]), counter=[0, 0, 0, count + 1]))
         return measure(
             self._truth(context), held[_ESTIMATE], rng.uniform(-1.0, 1.0, DRAWS), self.config, self._world_aligned,
-            refresh=count % self._hold == 0, gain=max(self._gain, 1.0 / (count + 1)),
+            refresh=count % self._hold == 0, gain=max(self._gain, 1.0 / (count + 1)), hold_s=self._hold * self._dt_s,
+            dt_s=self._dt_s if count else 0.0,
         )  # fmt: skip

@@ -11,7 +11,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("proxsuite")
 
 from hotice.control.contacts import PALM_M, SOLE_POINTS_M, Contacts
-from hotice.control.keyframes import PALM_POINTS_M, PALM_RADIUS_M
+from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M
 from hotice.control.plant import TorquePlant
 from hotice.control.solvers import Guess, Problem, make_solver
 from hotice.control.tasks import Targets
@@ -108,7 +108,7 @@ def test_frame_accelerations_are_derivatives_of_velocities(plant):
 
 
 def test_points_of_soles_and_palms_are_those_of_the_description():
-    """The numbers in `contacts` and `keyframes` against g1.xml."""
+    """The numbers in `contacts` and `grip` against g1.xml."""
     model = builder.build_model(None)
     for i, side in enumerate(g1.SIDES):
         for k in range(4):

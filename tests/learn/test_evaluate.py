@@ -27,6 +27,7 @@ from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape, CylinderShape, MeshShape
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
+from hotice.sim.mujoco_batch import MujocoBatch
 
 REPORT = {"format", "policy", "seed", "rollouts", "success_rate", "mean_distance_m", "scenes"}
 ROW = {
@@ -99,6 +100,22 @@ def test_success_is_counted_once_a_trial_with_its_distance_and_time(standing, st
     assert trials.outcomes == {"success": 5} and trials.rollouts == len(trials.distance_m) == len(trials.time_s) == 5
     assert all(0.0 < d < 0.1 for d in trials.distance_m)
     assert all(0.0 < t <= 0.04 + 1e-6 for t in trials.time_s)
+
+
+def test_trials_that_are_over_rest_and_change_nothing_for_the_others(states, monkeypatch):
+    scene, policy = load_scene("pipe"), load_policy("carry", threads=1)
+    advanced = []
+    step = MujocoBatch.step
+
+    def counted(self, *args):
+        advanced.append(self.num_envs if self.only is None else len(self.only))
+        step(self, *args)
+
+    monkeypatch.setattr(MujocoBatch, "step", counted)
+    trials = score_block(policy, scene, states, 6, 2, perturbed=False)
+    assert sum(advanced) == round(sum(trials.time_s) / 0.02) < 6 * len(advanced)
+    monkeypatch.setattr(module, "let_rest", lambda *_: None)
+    assert score_block(policy, scene, states, 6, 2, perturbed=False) == trials
 
 
 def test_the_seed_decides(standing, states):
@@ -331,7 +348,7 @@ def test_sums_of_trials():
 
 def test_a_policy_of_another_layout_is_refused(onnx_file, states):
     policy = Standing(load_policy(onnx_file).meta | {"layout": [["gyro", 3]]})
-    with pytest.raises(CheckpointError, match="the policy reads 3 numbers"):
+    with pytest.raises(CheckpointError, match="3 numbers are read, 201 given"):
         score_block(policy, load_scene("open_floor"), states, 1, 0)
 
 

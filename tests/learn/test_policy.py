@@ -51,7 +51,9 @@ def test_it_describes_itself(onnx_file, run):
 
 def test_another_layout_is_refused(onnx_file):
     other = [(name, width + (name == "clock")) for name, width in LAYOUT]
-    with pytest.raises(CheckpointError, match=r"observation layout differs.*first difference: clock \(2\)"):
+    with pytest.raises(
+        CheckpointError, match=r"observation layout differs.*first difference: the policy reads clock \(2\)"
+    ):
         check_layout(load_policy(onnx_file), other)
     with pytest.raises(CheckpointError, match="another order"):
         check_layout(load_policy(onnx_file), LAYOUT[::-1])

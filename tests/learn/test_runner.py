@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import time
 import pytest
 import torch
 
-from hotice.errors import CheckpointError
+from hotice.errors import CheckpointError, OutputError
 from hotice.learn.checkpoint import META, TENSORS, list_checkpoints, load_checkpoint, save_checkpoint, sha256
 from hotice.learn.runner import Runner
 
@@ -68,6 +69,16 @@ def test_resuming_through_the_command_line_is_bit_for_bit_too(tiny_options, tiny
     assert differing(newest(tmp_path / "whole"), newest(tmp_path / "parts")) == []
 
 
+def test_a_new_run_leaves_an_earlier_one_alone(run, tiny, tmp_path):
+    """Else the newest checkpoint, which has the higher number, would be the old run's."""
+    out = tmp_path / "run"
+    shutil.copytree(run, out)
+    before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
+    with pytest.raises(OutputError, match="holds checkpoint-0000002 of an earlier run: give --resume"):
+        Runner(tiny(out, updates=1, seed=3)).train()
+    assert {p: p.read_bytes() for p in out.rglob("*") if p.is_file()} == before
+
+
 def test_a_killed_run_goes_on_from_its_last_checkpoint(tiny_options, tiny, tmp_path):
     out = tmp_path / "run"
     with open(tmp_path / "output", "wb") as sink:
@@ -104,7 +115,10 @@ def test_init_takes_the_learner_but_not_the_counters(run, tiny, tmp_path):
 
 @pytest.mark.parametrize(
     "changes, message",
-    [(dict(preset="single_hodpf"), "trained as 'dual_hodpf'"), (dict(hidden=(17,)), "networks of another shape")],
+    [
+        (dict(preset="single_hodpf"), "trained as 'dual_hodpf'"),
+        (dict(hidden=(17,)), "give --hidden 16 --critic-hidden 16$"),
+    ],
 )
 def test_a_checkpoint_of_another_kind_is_refused(run, tiny, tmp_path, changes, message):
     with pytest.raises(CheckpointError, match=message) as caught:

@@ -80,6 +80,21 @@ def test_equals_a_plain_step_loop_bit_for_bit_with_each_rows_own_object(carry):
     assert not torch.equal(physics.qpos[0], physics.qpos[1])
 
 
+def test_only_some_advance_and_the_others_stand_still(carry):
+    physics, all_of_them = started(carry), started(carry)
+    physics.only = torch.tensor([1, 3])
+    before = physics.qpos.clone()
+    physics.step(4)
+    all_of_them.step(4)
+    assert torch.equal(physics.qpos[[0, 2]], before[[0, 2]])
+    assert (
+        torch.equal(physics.qpos[[1, 3]], all_of_them.qpos[[1, 3]]) and (physics.qpos[[1, 3]] != before[[1, 3]]).any()
+    )
+    physics.only = None
+    physics.step(4)
+    assert (physics.qpos[[0, 2]] != before[[0, 2]]).any()
+
+
 def test_objects_differ_where_models_do(carry):
     names = differing_fields(carry.models)
     assert {"body_mass", "geom_size", "body_quat", "geom_type"} <= set(names)

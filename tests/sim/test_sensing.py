@@ -124,6 +124,27 @@ def test_the_root_pose_is_refreshed_at_its_rate(make_env):
     assert changed == [False, False, False, True, False, False, False, False, True, False]
 
 
+def test_a_tracked_root_keeps_up_with_a_walking_and_turning_robot(make_env):
+    """A held root is behind by 7 cm and 0.05 rad at the end of each tenth of a second."""
+    behind = {}
+    for tracking in (True, False):
+        env = noisy(make_env, 4, root_hz=10.0, root_tracking=tracking)
+        s = env.snapshot()
+        env.sensors.age[:] = 0
+        error, turned = [], []
+        for k in range(60):
+            walked = torch.tensor([0.7, -0.2, 0.0]) * 0.02 * k
+            yaw = s.yaw + 0.5 * 0.02 * k
+            spin = torch.zeros_like(s.w_WP_P)
+            spin[:] = -0.5 * s.gravity_P
+            m = measure(env, replace(s, p_WP=s.p_WP + walked, yaw=yaw, w_WP_P=spin))
+            error.append(float((m.p_WP - s.p_WP - walked).norm(dim=1).max()))
+            turned.append(float((m.yaw - yaw).abs().max()))
+        behind[tracking] = max(error[30:]), max(turned[30:])
+    assert behind[True][0] < 0.003 and behind[True][1] < 1e-4
+    assert 0.05 < behind[False][0] < 0.08 and 0.03 < behind[False][1] < 0.06
+
+
 def test_late_measurements_come_one_step_later_but_actions_are_known(make_env):
     env = noisy(make_env, 32, sensor_delay_steps=1)
     late = env.sensors.late

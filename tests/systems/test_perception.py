@@ -1,5 +1,6 @@
 """Sensors, fields and policy: each system gives what its plain function gives, and that is what training gave."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -39,24 +40,31 @@ def state_of(env, carry):
     return robot_state_of_mujoco(np.concatenate([env.physics.qpos[0], env.physics.qvel[0]]), carry.wrist_pos)
 
 
-def test_noise_is_the_environments(env, carry, monkeypatch, rng):
-    """The same uniform numbers give the same measurement, with a fresh root and with a held one, as the filter settles."""
+@pytest.mark.parametrize("tracking", [True, False])
+def test_noise_is_the_environments(env, carry, monkeypatch, rng, tracking):
+    """The same uniform numbers give the same measurement, at a refresh and between, as the filters settle."""
+    config = replace(STUDENT_SENSING, root_tracking=tracking)
+    monkeypatch.setattr(env.sensors, "config", config)
     state = state_of(env, carry)
     true = PerceptModel(carry.carried)(state[:43], state[43:])
     offset = 0.01 * rng.standard_normal(20)
     estimate = np.zeros(ESTIMATE)
     ids = torch.arange(1)
     env.sensors.age[:] = 0
-    for k in range(3):
+    env.sensors.velocity[:] = 0.0
+    for k in range(12):
         draws = rng.uniform(-1.0, 1.0, DRAWS)
-        parts = iter(np.split((draws + 1.0) / 2.0, [1, 3, 6, 9, 29, 49, 52]))
+        parts = iter(np.split((draws + 1.0) / 2.0, [1, 3, 6, 9, 12, 15, 35]))
         monkeypatch.setattr(
             torch, "rand", lambda shape, p=parts, **_: torch.tensor(next(p), dtype=torch.float32).view(shape)
         )
         s = env.sensors.measure(env.snapshot(), ids, torch.tensor(offset[None], dtype=torch.float32), env.generator)
         percept, estimate = measure(
-            true, estimate, draws, STUDENT_SENSING, False, offset, refresh=k == 0, gain=max(0.1, 1.0 / (k + 1))
-        )
+            true, estimate, draws, config, False, offset, refresh=k % 5 == 0, gain=max(0.1, 1.0 / (k + 1)), hold_s=0.1,
+            dt_s=0.02 if k else 0.0,
+        )  # fmt: skip
+        np.testing.assert_allclose(estimate[4:6], env.sensors.velocity[0], atol=1e-5)
+        assert tracking == bool(np.abs(estimate[4:6]).max() > 0.0) or k < 5
         for name in Percept.SHAPES:
             wanted = {"p_WK": s.p_WK[0, :11], "yaw": s.yaw}.get(name, getattr(s, name)[0] if name != "yaw" else None)
             np.testing.assert_allclose(getattr(percept, name), wanted, atol=3e-6, err_msg=name)

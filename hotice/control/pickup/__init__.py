@@ -2,12 +2,13 @@
 
 settle -> crouch -> reach -> close -> squeeze -> lift (-> back, where the support is in the way) -> retreat (-> depart) -> hold.
 A missed grasp opens the hands, plans anew and tries again. What cannot be mended ends in `abort`: hands off, back to standing.
-Positions are measured in G: origin on the floor between the feet at the start, x ahead.
+The robot may stand anywhere: all is planned and done in G, the frame of its feet at the start (`stance`).
 """
 
 from hotice.control.pickup.config import PickupConfig
 from hotice.control.pickup.controller import Pickup
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.pickup.phases import PHASES
+from hotice.control.pickup.stance import Stance
 
-__all__ = ["PHASES", "Pickup", "PickupConfig", "PickupMemory"]
+__all__ = ["PHASES", "Pickup", "PickupConfig", "PickupMemory", "Stance"]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hotice.control.pick_plan import Durations
 from hotice.errors import InvalidConfig
 
 
@@ -43,3 +44,14 @@ class PickupConfig:
             numbers = np.atleast_1d(np.asarray(value, dtype=float))
             if not (np.isfinite(numbers).all() and (numbers > 0).all()):
                 raise InvalidConfig(f"{name} is {value!r}: finite numbers above 0 are needed")
+
+    @property
+    def durations(self) -> Durations:
+        """Of the parts that are planned."""
+        return Durations(
+            crouch_s=self.crouch_s,
+            reach_s=self.reach_s,
+            close_s=self.close_s,
+            lift_s=self.lift_s,
+            retreat_s=self.retreat_s,
+        )

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Command, Measurement
 from hotice.control.footwork import Departure
-from hotice.control.pick_plan import Planner, Support, ready_joints
+from hotice.control.pick_plan import Planner, Support
 from hotice.control.pickup.config import PickupConfig
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.pickup.phases import Phases
+from hotice.control.pickup.stance import Stance
 from hotice.control.pickup.tracking import Tracking
 from hotice.control.terms import Terms
 from hotice.control.whole_body_qp import QpConfig, WholeBodyQp
@@ -23,8 +26,8 @@ class Pickup:
     """The controller; see `hotice.control.controller.Controller`.
 
     Args:
-        carried: the object. support: what it stands on, in G.
-        p_GO, quat_GO: where it is expected, (3,) [m] and (4,) wxyz.
+        carried: the object. support: what it stands on, seen from G, where the robot will stand.
+        p_GO, quat_GO: where it is expected, (3,) [m] and (4,) wxyz, in G; `Stance` turns what is known in W.
         departure: steps that follow when the object is held in the carry state. config, qp: parameters.
 
     Raises:
@@ -37,16 +40,15 @@ class Pickup:
     ) -> None:  # fmt: skip
         self.config = config or PickupConfig()
         self.carried, self.support, self.departure = carried, support, departure or Departure()
-        self.planner = Planner(carried, support)
+        self.planner = Planner(carried, support, self.config.durations)
         self.carry = self.planner.carry
-        self.start_q = np.concatenate([
-            self.carry.root_pos_W, np.roll(self.carry.quat_WP, -1), ready_joints(self.carry)
-        ])  # fmt: skip
+        self.start_q = self.planner.start_q
         self.expected = self.planner.plan(self.start_q, p_GO, quat_GO)
         low, high = self.config.squeeze_n
         self.squeeze_n = low + (high - low) * min(carried.mass_kg / 3.5, 1.0)
         self._qp = WholeBodyQp(self.planner.wrist_pos, qp)
-        true, ref = self._qp.terms, Terms(self.planner.wrist_pos)
+        self._ref = ref = Terms(self.planner.wrist_pos)
+        true = self._qp.terms
         self._phases = Phases(self.config, self.planner, self.departure, self.squeeze_n, true, ref)
         self._tracking = Tracking(carried, self.squeeze_n, true, ref)
 
@@ -56,28 +58,42 @@ class Pickup:
         return self.config.rate_hz
 
     def start(self, measurement: Measurement) -> PickupMemory:
-        """Memory before the first step, of a robot that stands in front of the object."""
-        q = _configuration(measurement, self.start_q)
-        return PickupMemory(
-            qp=self._qp.start(measurement),
-            phase="settle",
-            since_s=measurement.time_s,
-            came_from=q,
-            reference=q,
-            start=q,
-        )
+        """Memory before the first step, of a robot that stands in front of the object.
+
+        Plans where the object is not where it was expected: this takes longer than a control step, and is not one.
+        """
+        memory = PickupMemory(
+            qp=self._qp.start(measurement), stance=None, phase="settle", since_s=measurement.time_s,
+            came_from=self.start_q, reference=self.start_q, start=self.start_q, plan=self.expected,
+        )  # fmt: skip
+        return self._placed(memory, measurement) if measurement.finite() else memory
+
+    def _placed(self, memory: PickupMemory, measurement: Measurement) -> PickupMemory:
+        """The memory of a robot that stands where it is measured."""
+        stance = Stance.of(self._ref, _configuration(measurement))
+        seen = stance.measurement(measurement)
+        q = _configuration(seen)
+        memory = replace(memory, stance=stance, came_from=q, reference=q, start=q)
+        self._phases.foresee(memory, seen)
+        return memory
 
     def step(self, memory: PickupMemory, measurement: Measurement) -> tuple[Command, PickupMemory]:
         """One control step."""
         memory = memory.copy()
         track, finite = self._tracking, measurement.finite()
         if finite:
+            if memory.stance is None:
+                memory = self._placed(memory, measurement)
+            measurement = _seen(memory, measurement)
             self._qp.terms.update(measurement)
             track.follow(memory, self._phases.advance(memory, measurement))
         torque = self._qp.solve(measurement, track.targets, track.contacts, memory.qp, updated=finite).copy()
         return Command(torque=torque, phase=memory.phase, faults=memory.qp.faults), memory
 
 
-def _configuration(m: Measurement, fallback: Array) -> Array:
-    q = np.concatenate([m.p_WP, np.roll(m.quat_WP, -1), m.joint_pos])
-    return q if np.isfinite(q).all() else fallback.copy()
+def _configuration(m: Measurement) -> Array:
+    return np.concatenate([m.p_WP, np.roll(m.quat_WP, -1), m.joint_pos])
+
+
+def _seen(memory: PickupMemory, m: Measurement) -> Measurement:
+    return m if memory.stance is None else memory.stance.measurement(m)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hotice.control.controller import Measurement
 from hotice.control.footwork import Departure, Feet
 from hotice.control.path import along
-from hotice.control.pick_plan import Planner
+from hotice.control.pick_plan import PickPlan, Planner
 from hotice.control.pickup import stepping
 from hotice.control.pickup.config import PickupConfig
 from hotice.control.pickup.memory import PickupMemory
@@ -58,22 +58,26 @@ class Phases:
 
     def _settle(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         if elapsed >= self.config.settle_s:
-            self._plan(memory, m)
+            self._begin(memory, m)
 
     def _crouch(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
-        memory.reference = self._along([memory.came_from, _plan(memory).crouch], elapsed / self.config.crouch_s)
+        plan = _plan(memory)
+        knots = (
+            [plan.crouch] if memory.attempt else plan.to_crouch[1:]
+        )  # the path begins where the robot stood at first
+        memory.reference = self._along([memory.came_from, *knots], elapsed / self.config.crouch_s)
         if elapsed >= self.config.crouch_s:
             self._enter(memory, m, "reach")
 
     def _reach(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
-        memory.reference = self._along([memory.came_from, _plan(memory).pregrasp], elapsed / self.config.reach_s)
+        memory.reference = self._along(_plan(memory).to_pregrasp, elapsed / self.config.reach_s)
         if elapsed >= self.config.reach_s:
             memory.attempt += 1
             self._enter(memory, m, "close")
 
     def _close(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         c, plan = self.config, _plan(memory)
-        memory.reference = self._along([plan.pregrasp, plan.grasp], elapsed / c.close_s)
+        memory.reference = self._along(plan.to_grasp, elapsed / c.close_s)
         pressed = elapsed - 0.7 * c.close_s
         memory.squeeze_n = float(np.clip(FIRST_SQUEEZE_N_PER_S * pressed, 0.0, FIRST_SQUEEZE_N))
         if elapsed >= 0.7 * c.close_s and self._feels(m, c.touch_n):
@@ -140,7 +144,7 @@ class Phases:
             if memory.failure:
                 self._enter(memory, m, "stand")
             else:
-                self._plan(memory, m)
+                self._begin(memory, m)
 
     def _stand(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         memory.reference = self._along([memory.came_from, memory.start], elapsed / self.config.stand_s)
@@ -164,15 +168,28 @@ class Phases:
         memory.air[:] = False
         memory.log.append((m.time_s, phase, note))
 
-    def _plan(self, memory: PickupMemory, m: Measurement) -> None:
+    def foresee(self, memory: PickupMemory, m: Measurement) -> None:
+        """Plans for the object as it is seen before the first step; what hinders is left to be told when it is time to go."""
         try:
-            if m.p_WO is None or m.quat_WO is None:
-                raise PickInfeasible("the object is not seen")
-            memory.plan = self.planner.plan(memory.start, m.p_WO, m.quat_WO)
+            memory.plan = self._planned(memory, m)
+        except PickInfeasible:
+            memory.plan = None
+
+    def _begin(self, memory: PickupMemory, m: Measurement) -> None:
+        """Sets out with the plan there is, or with a new one where the object has moved since."""
+        try:
+            memory.plan = self._planned(memory, m)
             self._enter(memory, m, "crouch")
         except PickInfeasible as error:
             memory.failure = str(error)
             self._enter(memory, m, "stand", memory.failure)
+
+    def _planned(self, memory: PickupMemory, m: Measurement) -> PickPlan:
+        if m.p_WO is None or m.quat_WO is None:
+            raise PickInfeasible("the object is not seen")
+        if memory.plan is not None and self.planner.fits(memory.plan, memory.start, m.p_WO, m.quat_WO):
+            return memory.plan
+        return self.planner.plan(memory.start, m.p_WO, m.quat_WO)
 
     def _missed(self, memory: PickupMemory, m: Measurement, why: str) -> None:
         if memory.attempt >= self.config.attempts:
@@ -186,7 +203,7 @@ class Phases:
             memory.lost_since_s = m.time_s
         elif m.time_s - memory.lost_since_s > self.config.lost_s:
             memory.failure = f"lost the object in {memory.phase}"
-            memory.plan = replace(_plan(memory), pregrasp=memory.reference, crouch=memory.reference)
+            memory.plan = replace(_plan(memory), to_crouch=memory.reference[None], to_pregrasp=memory.reference[None])
             self._enter(memory, m, "open", memory.failure)
 
     def _feels(self, m: Measurement, least_n: float) -> bool:

@@ -1,42 +1,22 @@
-"""Whole-body inverse kinematics for picking up: planted feet, palms on the object, mass over the feet, no collision.
+"""Wishes of a whole-body configuration as rows of a least-squares problem, for first guesses; no collision.
 
-All wishes are rows of one bounded least-squares problem over the 26 coordinates of robot pose and joints, solved by
-`hotice.model.least_squares`: hard ones weigh most. Coordinates are increments from a nominal configuration.
+Each wish gives residuals r (K,) and their Jacobian (K, 26) by Pinocchio's v; hard ones weigh most.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.compiled import compiled
-from hotice.control.terms import LEFT_FOOT, LEFT_HAND, NV, PELVIS, RIGHT_FOOT, Terms
+from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M
+from hotice.control.pick_plan.task import ObjectPose
+from hotice.control.terms import LEFT_HAND, NV, PELVIS, Terms
 from hotice.model.carry import surface_distance
-from hotice.model.frames import quat_to_mat
-from hotice.model.least_squares import minimize
 from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
 Rows = tuple[Array, Array]
-PALM_POINTS_M = np.array([[sx * 0.04, 0.0, sz * 0.025] for sx in (-1, 1) for sz in (-1, 1)])
-"""Centres of the palm spheres in the hand frame; a test holds them to g1.xml."""
-PALM_RADIUS_M = 0.02
-
-
-@dataclass(frozen=True, kw_only=True)
-class ObjectPose:
-    """Where the object is: p_WO (3,) [m], R_WO (3, 3)."""
-
-    p_WO: Array
-    R_WO: Array
-
-    @classmethod
-    def of(cls, p_WO: ArrayLike, quat_WO: ArrayLike) -> ObjectPose:
-        """From a quaternion wxyz."""
-        return cls(p_WO=np.array(p_WO, dtype=float), R_WO=np.asarray(quat_to_mat(quat_WO), dtype=np.float64))
 
 
 class Pose:
@@ -142,47 +122,7 @@ def _carried_points(J, r):
     return out
 
 
-Residual = Callable[[Pose], list[Rows]]
-
-
-class KeyframeIk:
-    """Solves for configurations q (27,) of Pinocchio's order; `posture` pulls the joints (weights (20,))."""
-
-    def __init__(self, terms: Terms) -> None:
-        self.terms = terms
-        self._pin = terms._pin
-
-    def solve(
-        self, nominal: Array, posture: Array, weight: Array, rows: Residual, *, start: Array | None = None
-    ) -> Array:
-        """The least-squares configuration near `nominal` (27,), from `start` (26,) increments."""
-        t, pin = self.terms, self._pin
-        lower = np.concatenate([np.full(6, -1.5), t.lower + 0.03 - nominal[7:]])
-        upper = np.concatenate([np.full(6, 1.5), t.upper - 0.03 - nominal[7:]])
-        t.v[:] = 0.0
-        pose = Pose(t)
-        eye = np.zeros((20, NV))
-        eye[:, 6:] = np.diag(weight)
-
-        def residual(x: Array) -> Rows:
-            t.q[:] = pin.integrate(t.model, nominal, x)
-            t.refresh()
-            found = rows(pose)
-            found.append((weight * (t.q[7:] - posture), eye))
-            J = np.concatenate([j for _, j in found])
-            return np.concatenate([r for r, _ in found]), J @ pin.dIntegrate(t.model, nominal, x, pin.ARG1)
-
-        found = minimize(
-            residual, np.zeros(NV) if start is None else start, lower, upper, max_steps=120, step_tolerance=1e-5
-        )
-        residual(found)
-        return t.q.copy()
-
-
 def hinge(value: Array, J: Array, weight: float) -> Rows:
     """Rows that push values (K,) up to zero and leave them alone above it."""
     below = value < 0.0
     return np.where(below, weight * value, 0.0), np.where(below[:, None], weight * J, 0.0)
-
-
-FEET = (LEFT_FOOT, RIGHT_FOOT)

@@ -1,0 +1,98 @@
+"""Plans on disk, one file each, named by a hash of all that decides them.
+
+A file is a NumPy archive without pickle, written aside and then renamed; a damaged one is made anew. The folder keeps the
+newest `MOST_FILES` plans.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import warnings
+import zipfile
+from dataclasses import fields
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from hotice.control.pick_plan.plan import Durations, PickPlan
+from hotice.control.pick_plan.task import PickTask
+from hotice.files import make_folder, write_bytes
+from hotice.model import g1
+
+MOST_FILES = 2000
+MAX_BYTES = 2**20
+SOLVERS = ("drake", "casadi", "adam-robotics", "pin")
+_PACKAGE = Path(__file__).resolve().parent
+_SOURCES = (
+    *sorted(_PACKAGE.glob("*.py")), _PACKAGE.parent / "terms.py", _PACKAGE.parent / "contacts.py",
+    *(_PACKAGE.parents[1] / "model" / f"{name}.py" for name in ("carry", "least_squares", "builder", "objects")),
+)  # fmt: skip
+
+
+class BrokenPlanFile(UserWarning):
+    """A cached plan that was damaged and is made anew."""
+
+
+def default_folder() -> Path:
+    """`$HOTICE_CACHE/picks`, or `~/.cache/hotice/picks`."""
+    home = os.environ.get("HOTICE_CACHE")
+    return Path(home) / "picks" if home else Path.home() / ".cache" / "hotice" / "picks"
+
+
+def plan_key(task: PickTask, durations: Durations) -> str:
+    """Hash of robot, planner and solvers, object, support, stance, pose of the object and durations."""
+    grip = task.grip
+    facts = [
+        _planner(), grip.carried.to_dict(), vars(grip.support), vars(durations), task.q_start.tolist(),
+        task.pose.p_WO.tolist(), task.yaw,
+    ]  # fmt: skip
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:32]
+
+
+def save(folder: Path, key: str, plan: PickPlan) -> None:
+    """Writes a plan. Raises `OutputError`."""
+    make_folder(folder)
+    content = io.BytesIO()
+    np.savez(content, **vars(plan))
+    write_bytes(folder / f"{key}.npz", content.getvalue())
+    files = sorted(folder.glob("*.npz"), key=lambda path: path.stat().st_mtime if path.exists() else 0.0)
+    for path in files[: max(len(files) - MOST_FILES, 0)]:
+        path.unlink(missing_ok=True)
+
+
+def load(folder: Path, key: str) -> PickPlan | None:
+    """The plan of that key; None where there is none or, with a warning, a damaged one."""
+    path = folder / f"{key}.npz"
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ValueError("too large")
+        with np.load(path, allow_pickle=False) as file:
+            found = {field.name: file[field.name] for field in fields(PickPlan)}
+        if not all(np.isfinite(value).all() for value in found.values()):
+            raise ValueError("not finite")
+        found["lift_knots"], found["back_m"] = int(found["lift_knots"]), float(found["back_m"])
+        return PickPlan(**found)
+    except FileNotFoundError:
+        return None
+    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zipfile.LargeZipFile):
+        warnings.warn(f"{path} is damaged: its pick is planned again", BrokenPlanFile, stacklevel=2)
+        return None
+
+
+@lru_cache(maxsize=1)
+def _planner() -> str:
+    """Hash of the robot's description, of the sources that plan, and the versions of the solvers."""
+    digest = hashlib.sha256(Path(g1.xml_path()).read_bytes())
+    for path in _SOURCES:
+        digest.update(path.read_bytes())
+    for name in SOLVERS:
+        try:
+            digest.update(f"{name} {version(name)}".encode())
+        except PackageNotFoundError:
+            digest.update(name.encode())
+    return digest.hexdigest()

@@ -1,0 +1,71 @@
+"""The plan of a pick-up: configurations from standing in front of the object to holding it in the carry state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.errors import InvalidConfig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Durations:
+    """How long the parts of a plan take [s], ours."""
+
+    crouch_s: float = 2.0
+    reach_s: float = 1.5
+    close_s: float = 1.0
+    lift_s: float = 1.8
+    retreat_s: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickPlan:
+    """Configurations (27,) in Pinocchio's order, in G; paths (K, 27) begin where the one before ends.
+
+    Attributes:
+        to_crouch: from standing; the pelvis is then ready for the grasp, the arms drawn back. to_pregrasp: palms off the
+            object. to_grasp: palms on it.
+        retreat: from the grasp over the lifted object to the carry state.
+        lift_knots: how many steps of it belong to the lift.
+        p_OH: (2, 3) palms in the object frame [m]. p_HO: (2, 3) the object's centre in the hand frames, moved to the palms.
+        hand_point: (2, 3) where the hands press, in their frames [m].
+        p_GO: (3,) where the object is before the pick, quat_GO: (4,) its turn about z.
+        back_m: how far the robot steps back between lift and retreat.
+    """
+
+    to_crouch: Array
+    to_pregrasp: Array
+    to_grasp: Array
+    retreat: Array
+    lift_knots: int
+    p_OH: Array
+    p_HO: Array
+    hand_point: Array
+    p_GO: Array
+    quat_GO: Array
+    back_m: float
+
+    @property
+    def crouch(self) -> Array:
+        """(27,) ready for the grasp."""
+        return self.to_crouch[-1]
+
+    @property
+    def pregrasp(self) -> Array:
+        """(27,) palms beside the object."""
+        return self.to_pregrasp[-1]
+
+    @property
+    def grasp(self) -> Array:
+        """(27,) palms on the object."""
+        return self.to_grasp[-1]
