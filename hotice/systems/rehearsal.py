@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from hotice.model import builder, g1
 from hotice.policies.guidance import read_fields
 from hotice.policies.observation import Carrying, observe
-from hotice.policies.percept import PerceptModel
+from hotice.policies.percept import Percept, PerceptModel
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.policy import next_action
 from hotice.systems.rehearsal_config import RehearsalConfig
+from hotice.systems.sensor_model import DRAWS, ESTIMATE, measure
 from hotice.systems.signals import JOINT_POS, JOINT_VEL, NQ, torque_limits
 from hotice.systems.state_adaptor import robot_state_of_mujoco
 
@@ -28,8 +29,32 @@ VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diver
 FALLEN_M, UPRIGHT, LOST_M = 0.5, 0.7, 0.15
 
 
+class Sensing:
+    """Noise of the station's sensors with random numbers of its own; delays are left out."""
+
+    def __init__(self, station: Station, number: int) -> None:
+        self._config, self._dt_s = station.config.sensing, station.task.control_dt_s
+        self._aligned = station.carry.carried.keypoints_world_aligned
+        self._rng = np.random.default_rng([station.config.seed, number])
+        self._estimate, self._count = np.zeros(ESTIMATE), 0
+
+    def __call__(self, true: Percept) -> Percept:
+        """The next measurement."""
+        cfg, dt_s, k = self._config, self._dt_s, self._count
+        if cfg.exact:
+            return true
+        hold = max(1, round(1.0 / (cfg.root_hz * dt_s))) if cfg.root_hz else 1
+        gain = min(1.0, dt_s / cfg.object_filter_s) if cfg.object_filter_s else 1.0
+        percept, self._estimate = measure(
+            true, self._estimate, self._rng.uniform(-1.0, 1.0, DRAWS), cfg, self._aligned, refresh=k % hold == 0,
+            gain=max(gain, 1.0 / (k + 1)), hold_s=hold * dt_s, dt_s=dt_s if k else 0.0,
+        )  # fmt: skip
+        self._count += 1
+        return percept
+
+
 class Rehearsal:
-    """Runs the station's policy in a model of robot, object, table and scene, with exact sensing.
+    """Runs the station's policy in a model of robot, object, table and scene, under noise as that of the station's sensors.
 
     Called with a robot state (84,); returns an index into `VERDICTS`, the first failure among the tries.
     """
@@ -48,13 +73,13 @@ class Rehearsal:
         self._gains = (*g1.gains(), torque_limits())
 
     def __call__(self, state: Array) -> int:
-        for push in self.config.push_m_s:
-            verdict = self._try(state, push)
+        for number, push in enumerate(self.config.push_m_s):
+            verdict = self._try(state, push, Sensing(self._station, number))
             if verdict:
                 return verdict
         return 0
 
-    def _try(self, state: Array, push_m_s: float) -> int:
+    def _try(self, state: Array, push_m_s: float, sensing: Sensing) -> int:
         carry, task, data = self._station.carry, self._task, mujoco.MjData(self._model)
         q, qd = data.qpos[7:27], data.qvel[6:26]
         data.qpos[:] = np.concatenate([state[:7], state[JOINT_POS], state[36:43]])
@@ -64,7 +89,7 @@ class Rehearsal:
         carrying, action, phase = Carrying.of(carry), np.zeros(20), 0.0
         for _ in range(round(self.config.horizon_s / task.control_dt_s)):
             now = robot_state_of_mujoco(np.concatenate([data.qpos, data.qvel]), carry.wrist_pos)
-            percept = self._percept_of(now[:NQ], now[NQ:])
+            percept = sensing(self._percept_of(now[:NQ], now[NQ:]))
             reading = read_fields(self._pf, percept, task)
             raw = self._station.policy.run(observe(percept, reading, carrying, action, phase)[None])[0].astype(float)
             action = next_action(raw, task.action_limit)

@@ -90,6 +90,25 @@ def test_a_rehearsal_sees_obstacles(ready):
     assert VERDICTS[verdict] in ("object_collision", "robot_collision")
 
 
+def test_a_rehearsal_senses_as_the_station_does(ready):
+    """The measurements of a rehearsal are as far off the truth as the station's noise allows, each try's its own."""
+    from hotice.policies.percept import PerceptModel
+    from hotice.systems.rehearsal import Sensing
+
+    station, state = ready
+    true = PerceptModel(station.carry.carried)(state[:43], state[43:])
+    assert Sensing(station, 0)(true) is true
+    noisy = make_station(StationConfig.from_dict({"sensing": "student"}))
+    a, b, again = (Sensing(noisy, number)(true) for number in (0, 1, 0))
+    np.testing.assert_array_equal(a.vector, again.vector)
+    half = noisy.config.sensing
+    assert (
+        0 < np.abs(a.q - true.q).max() <= half.joint_pos_rad
+        and 0 < np.abs(a.qd - true.qd).max() <= half.joint_vel_rad_s
+    )
+    assert (a.q != b.q).all()
+
+
 @pytest.mark.parametrize(
     "values, message",
     [({"horizon_s": -1.0}, "horizon_s"), ({"horizon_s": "long"}, "horizon_s"), ({"push_m_s": ()}, "push_m_s"),
