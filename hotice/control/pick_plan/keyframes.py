@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.pick_plan.demands import HANDS, Demands
+from hotice.control.pick_plan.demands import HANDS, PALM_GAPS_M, Demands
 from hotice.control.pick_plan.drake_ik import AHEAD_M
 from hotice.control.pick_plan.drake_robot import DrakeRobot
 from hotice.control.pick_plan.grip import ready_joints
@@ -23,6 +23,7 @@ from hotice.control.pick_plan.task import (
     frames_at,
 )
 from hotice.control.terms import PELVIS, Terms
+from hotice.errors import PickInfeasible
 from hotice.model import g1
 from hotice.model.frames import quat_from_axis_angle, quat_from_yaw, quat_mul
 
@@ -81,6 +82,16 @@ class KeyframeSolver:
         return Keyframes(crouch=crouch, pregrasp=pregrasp, grasp=grasp, lifted=lifted, carry=end, hands=hands)
 
     def _grasp(self, guess: Array) -> Array:
+        """The palms as flush as they can be."""
+        *tight, loose = PALM_GAPS_M[self.task.grip.carried.shape]
+        for off in tight:
+            try:
+                return self._grasp_within(off, guess)
+            except PickInfeasible:
+                continue
+        return self._grasp_within(loose, guess)
+
+    def _grasp_within(self, off_m: float, guess: Array) -> Array:
         task, grip = self.task, self.task.grip
         pose, carried = task.pose, grip.carried
         ik = self._demand.standing(0.0, pose.p_WO)
@@ -90,7 +101,7 @@ class KeyframeSolver:
             self._demand.low(ik)
         elif carried.shape != "box":
             ik.point("pelvis", np.zeros(3), [0.0, 0.0, 0.7], [0.0, 0.0, 3.0], np.eye(3))
-        self._demand.palms(ik, grip.toe_m, 300.0)
+        self._demand.palms(ik, grip.toe_m, off_m, 300.0)
         for i, link in enumerate(HANDS):
             place = pose.p_WO + pose.R_WO @ grip.place[i]
             reach = np.full(3, PALM_PLACE_M)
@@ -124,7 +135,7 @@ class KeyframeSolver:
             ready = np.concatenate([grasp[7:19], ready_joints(grip.carry)[g1.UPPER]])
             ik.posture(ready, posture_weights(1.0))
             return ik.solve(guess, "no way to crouch before the object")
-        self._demand.palms(ik, PREGRASP_GAP_M + grip.toe_m, 50.0)
+        self._demand.palms(ik, PREGRASP_GAP_M + grip.toe_m, PALM_GAPS_M[grip.carried.shape][-1], 50.0)
         for i, link in enumerate(HANDS):
             place = task.pose.p_WO + task.pose.R_WO @ p_OH[i]
             ik.point(link, self._demand.hand(i), place, [15.0, 0.0, 15.0], task.pose.R_WO)
