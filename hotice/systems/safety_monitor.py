@@ -144,7 +144,8 @@ class SafetyMonitor(LeafSystem):
         index = self.DeclareDiscreteState(5)
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         self._command = self.DeclareVectorInputPort("command", NUM_JOINTS)
-        self.DeclareVectorOutputPort("command", NUM_JOINTS, self._output_command)
+        reads = {self.discrete_state_ticket(index), self._state.ticket(), self._command.ticket()}
+        self.DeclareVectorOutputPort("command", NUM_JOINTS, self._output_command, reads)
         self.DeclareStateOutputPort("faults", index)
         self.DeclarePeriodicUnrestrictedUpdateEvent(control_dt_s, 0.0, self._check)
 
