@@ -125,7 +125,10 @@ PRIVILEGED: tuple[Observation, ...] = (
     Observation("root_velocity", lambda s: s.to_yaw_frame(s.v_WP), VECTOR, "pelvis velocity in Y"),
     Observation("root_height", lambda s: 5.0 * (s.p_WP[:, 2:] - 0.74), same(1), "pelvis height over 0.74 m, × 5"),
     Observation("touch", lambda s: s.touch.float(), (np.array([1, 0]), np.ones(2)), "soles on the floor"),
-    Observation("foot_heights", lambda s: 10.0 * s.p_WK[:, FOOT_ENDS, 2], (np.array([1, 0, 3, 2]), np.ones(4)), "toes, heels, × 10"),
+    Observation(
+        "foot_heights", lambda s: 10.0 * s.p_WK[:, FOOT_ENDS, 2], (np.array([1, 0, 3, 2]), np.ones(4)),
+        "heights of toes and heels, × 10",
+    ),
     Observation("object_velocity", lambda s: s.to_yaw_frame(s.v_WO - s.v_WP), VECTOR, "relative to the pelvis, in Y"),
     Observation("object_spin", lambda s: 0.25 * s.to_yaw_frame(s.w_WO), PSEUDO, "angular velocity in Y, × 0.25"),
     Observation("object_mass", lambda s: s.grasp.mass, same(1), "mass [kg]"),
