@@ -8,6 +8,7 @@ from pathlib import Path
 import tyro
 
 from hotice.errors import InvalidConfig
+from hotice.files import check_writable
 from hotice.learn.benchmark import BenchmarkConfig
 from hotice.learn.config import TrainConfig
 from hotice.learn.evaluate import EvaluateConfig
@@ -119,7 +120,6 @@ def reproduce(config: Flat[ReproduceConfig]) -> int:
 
 def export(config: Flat[ExportConfig]) -> int:
     """Write a policy as one ONNX file."""
-    from hotice.learn.evaluate import check_writable
     from hotice.learn.policy import export_onnx, torch_policy
 
     check_writable(config.out)
