@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import tyro
 
@@ -36,10 +38,15 @@ class ExportConfig:
 class PlayConfig:
     """Rollouts to look at."""
 
-    policy: str
-    """Shipped policy by name, .onnx file, checkpoint folder or run."""
-    scenes: tuple[str, ...] = ("open_floor",)
+    policy: str = "student"
+    """Shipped policy by name, .onnx file, checkpoint folder or run; for other controllers than `policy` a name or .onnx file."""
+    controller: Literal["policy", "walk", "pickup", "pickup_then_policy"] = "policy"
+    """Who carries: the policy from a carry state; the walking baseline; the pick-up from a table alone, or followed by the
+    policy, for which the walking baseline steps in where the policy's rehearsal fails. All but `policy` need Drake."""
+    scenes: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--scene"])] = ("open_floor",)
     """Scene names, files or folders."""
+    seconds: float = 10.0
+    """Longest run of a controller other than `policy`, after the pick-up where there is one."""
     out: Path = Path("replay.html")
     """Replay page; a picture `.png` of the same name is written beside it."""
     video: Path | None = None
@@ -56,6 +63,8 @@ class PlayConfig:
     """Lists failures before successes, by cause; otherwise scene by scene."""
 
     def __post_init__(self) -> None:
+        if not (math.isfinite(self.seconds) and 0.0 < self.seconds <= 120.0):
+            raise InvalidConfig(f"seconds is {self.seconds!r}: above 0 and at most 120 are allowed")
         if self.out.suffix == ".png":
             raise InvalidConfig(
                 f"out is {str(self.out)!r}: the picture goes there, give the page another ending (.html)"

@@ -26,18 +26,23 @@ def play(config: PlayConfig) -> list[RolloutRecord]:
     """Records rollouts, prints how they ended and writes what is asked for. Raises `HoticeError`."""
     for path in filter(None, (config.out, config.video)):
         check_writable(path)
-    policy = load_policy(config.policy)
     scenes = resolve_scenes(config.scenes)
     if config.video is not None and config.video_of > len(scenes) * config.rollouts:
         raise InvalidConfig(f"video_of is {config.video_of}: there are {len(scenes) * config.rollouts} rollouts")
-    states = CarryBank.sample(ObjectRange(), config.rollouts, config.seed, 0.005, torch.device("cpu")).states
     console = Console(stderr=True)
-    quiet = not console.is_terminal
-    records = [
-        record
-        for scene in track(scenes, "rollouts", console=console, transient=True, disable=quiet)
-        for record in record_rollouts(policy, scene, states, seed=config.seed, perturbed=config.perturbed)
-    ]
+    watched = track(scenes, "rollouts", console=console, transient=True, disable=not console.is_terminal)
+    if config.controller == "policy":
+        policy = load_policy(config.policy)
+        states = CarryBank.sample(ObjectRange(), config.rollouts, config.seed, 0.005, torch.device("cpu")).states
+        records = [
+            record
+            for scene in watched
+            for record in record_rollouts(policy, scene, states, seed=config.seed, perturbed=config.perturbed)
+        ]
+    else:
+        from hotice.learn.play_station import record_stations
+
+        records = record_stations(config, watched)
     if config.failures_first:
         records = failures_first(records)
     for number, record in enumerate(records, 1):

@@ -319,6 +319,32 @@ def solve_carry(
             f"object of {carried.mass_kg:.2f} kg is too heavy for the arms: {joint} would need "
             f"{np.abs(torque[g1.UPPER]).max():.1f} N m, allowed is {ARM_TORQUE_SHARE:.0%} of its limit"
         )
+    return _at_rest(kin, carried, posture, object_pos, squeeze, torque)
+
+
+def carry_state_at(
+    carried: CarriedObject, joint_pos: NDArray, wrist_pos: NDArray, object_pos_P: NDArray, *, lean_rad: float = 0.0,
+    squeeze_n: float,
+) -> CarryState:  # fmt: skip
+    """The carry state of a robot that holds an object in a given way, found otherwise than by `solve_carry`.
+
+    Args:
+        carried: what it holds, upright. joint_pos: (20,) angles [rad]; wrist_pos: (6,) those of the locked wrists.
+        object_pos_P: (3,) the object's centre from the pelvis, in W's directions [m]. lean_rad: of the pelvis.
+        squeeze_n: normal force of each hand [N].
+    """
+    kin = _Kinematics(Posture(lean_rad=lean_rad))
+    kin.q[:], kin.wrist[:] = joint_pos, wrist_pos
+    torque = _static_torque(kin, carried, np.asarray(object_pos_P, dtype=float), squeeze_n)
+    soles = kin.data.geom_xpos[[i for ids in kin.sole_id.values() for i in ids], 2]
+    posture = Posture(pelvis_height_m=float(0.005 - soles.min()), lean_rad=lean_rad)
+    return _at_rest(kin, carried, posture, np.asarray(object_pos_P, dtype=float), squeeze_n, torque)
+
+
+def _at_rest(
+    kin: _Kinematics, carried: CarriedObject, posture: Posture, object_pos: NDArray, squeeze_n: float, torque: NDArray
+) -> CarryState:
+    """What the kinematics, already updated, show; the middle of the soles is put at the origin."""
     kp, _ = g1.gains()
     soles = kin.data.geom_xpos[[i for ids in kin.sole_id.values() for i in ids]]
     root = np.array([-soles[:, 0].mean(), 0.0, 0.005 - soles[:, 2].min()])
@@ -326,5 +352,5 @@ def solve_carry(
         carried=carried, posture=posture, joint_pos=kin.q.copy(), wrist_pos=kin.wrist.copy(),
         joint_target=kin.q + torque / kp, torque=torque,
         root_pos_W=root, quat_WP=np.asarray(kin.quat_WP), object_pos_W=object_pos + root,
-        quat_WO=np.array([1.0, 0.0, 0.0, 0.0]), squeeze_n=squeeze,
+        quat_WO=np.array([1.0, 0.0, 0.0, 0.0]), squeeze_n=squeeze_n,
     )  # fmt: skip

@@ -66,8 +66,9 @@ class _Held:
 class ControllerSystem(LeafSystem):
     """Steps the controller by a periodic unrestricted update at its own rate; its memory is abstract state.
 
-    Inputs `robot_state` (84,), `contact_force` (12,). Outputs `torque` (20,) [N m], held between steps; `phase` (1,): index
-    into `phases`, -1 for another; `faults` (1,): steps that were answered with a fallback.
+    Inputs `robot_state` (84,), `contact_force` (12,); `active` (1,), optional: while it is 0 the controller rests. Outputs
+    `torque` (20,) [N m], held between steps; `phase` (1,): index into `phases`, -1 for another; `faults` (1,): steps that
+    were answered with a fallback.
 
     Args:
         controller: started at the first step.
@@ -89,6 +90,7 @@ class ControllerSystem(LeafSystem):
         self.DeclareAbstractState(AbstractValue.Make(_Held(None)))
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         self._force = self.DeclareVectorInputPort("contact_force", CONTACT_FORCE)
+        self._active = self.DeclareVectorInputPort("active", 1)
         for name, group in zip(("torque", "phase", "faults"), groups, strict=True):
             self.DeclareStateOutputPort(name, group)
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / rate, 0.0, self._act)
@@ -98,6 +100,8 @@ class ControllerSystem(LeafSystem):
         return context.get_abstract_state(0).get_value().memory
 
     def _act(self, context: Context, state: State) -> None:
+        if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
+            return
         measurement = measurement_of(
             context.get_time(), self._state.Eval(context), self._force.Eval(context), self.origin
         )

@@ -1,10 +1,11 @@
-"""Who commands: the pick-up until the object is held, then the carrying controller, without a jump in torque."""
+"""Who commands: the pick-up until the object is held, then the policy, or the walking baseline where the policy is not fit."""
 
 # pydrake's stubs type arrays as numpy does not:
 # pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,12 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from hotice.errors import InvalidConfig
-from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS
+from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, ROBOT_STATE
 
 Array = NDArray[np.float64]
-PICKUP, CARRY = 0.0, 1.0
-NEVER = -1.0
+MODES = ("pickup", "policy", "walk")
+PICKUP, CARRY, WALK = 0.0, 1.0, 2.0
+NEVER = UNTRIED = -1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +31,7 @@ class HandOver:
     """How long it must have been ready, and both hands must have felt the object."""
     hold_n: float = 8.0
     """Force from which a hand feels it."""
-    blend_s: float = 0.4
+    blend_s: float = 0.2
     """In which the torques go over from one to the other."""
 
     def __post_init__(self) -> None:
@@ -45,30 +47,47 @@ def blend(pickup: Array, carry: Array, share: float) -> Array:
 
 
 class ModeSelector(LeafSystem):
-    """Inputs `pickup_torque` and `carry_torque` (20,) [N m], `phase` (1,) of the pick-up, `contact_force` (12,).
+    """Inputs `pickup_torque`, `carry_torque` (20,) [N m], `phase` (1,) of the pick-up, `contact_force` (12,).
 
-    Outputs `torque` (20,) [N m]; `mode` (1,): 0 pick-up, 1 carry; `carry_active` (1,): the same, for the policy, which rests
-    until then. The mode never goes back. Checked every `period_s`.
+    With `rehearse` also `walk_torque` (20,) and `robot_state` (84,): the policy takes over only where its rehearsal from the
+    present state ends with verdict 0; else the walking baseline does.
+
+    Outputs `torque` (20,) [N m]; `mode` (1,): index into `MODES`; `carry_active`, `walk_active` (1,): 1 while policy or baseline
+    commands, which rest until then; `verdict` (1,): of the rehearsal, -1 before it; `fallbacks` (1,): hand-overs that went to
+    the baseline. The mode never goes back. Checked every `period_s`.
     """
 
-    def __init__(self, rule: HandOver, period_s: float) -> None:
+    def __init__(self, rule: HandOver, period_s: float, rehearse: Callable[[Array], int] | None = None) -> None:
         super().__init__()
-        self.rule = rule
-        modes = self.DeclareDiscreteState([PICKUP])
-        self.DeclareDiscreteState([NEVER, NEVER])  # time of the hand-over, and since when the pick-up is ready [s]
+        self.rule, self._rehearse = rule, rehearse
+        self._mode = self.DeclareDiscreteState([PICKUP])
+        self._times = self.DeclareDiscreteState([NEVER, NEVER])  # of the hand-over; since when the pick-up is ready [s]
+        self._verdict = self.DeclareDiscreteState([UNTRIED])
         self._pickup = self.DeclareVectorInputPort("pickup_torque", NUM_JOINTS)
         self._carry = self.DeclareVectorInputPort("carry_torque", NUM_JOINTS)
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._force = self.DeclareVectorInputPort("contact_force", CONTACT_FORCE)
+        if rehearse is not None:
+            self._walk = self.DeclareVectorInputPort("walk_torque", NUM_JOINTS)
+            self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         self.DeclareVectorOutputPort("torque", NUM_JOINTS, self._output)
-        self.DeclareStateOutputPort("mode", modes)
-        self.DeclareStateOutputPort("carry_active", modes)
+        self.DeclareStateOutputPort("mode", self._mode)
+        self.DeclareStateOutputPort("verdict", self._verdict)
+        reads = {self.discrete_state_ticket(self._mode)}
+        for name, mode in (("carry_active", CARRY), ("walk_active", WALK), ("fallbacks", WALK)):
+            self.DeclareVectorOutputPort(name, 1, self._is(mode), reads)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_s, 0.0, self._decide)
 
+    def _is(self, mode: float) -> Callable[[Context, BasicVector], None]:
+        def output(context: Context, vector: BasicVector) -> None:
+            vector.SetFromVector([float(context.get_discrete_state(self._mode).value()[0] == mode)])
+
+        return output
+
     def _decide(self, context: Context, state: State) -> None:
-        if context.get_discrete_state(0).value()[0] == CARRY:
+        if context.get_discrete_state(self._mode).value()[0] != PICKUP:
             return
-        handed, since = context.get_discrete_state(1).value().copy()
+        handed, since = context.get_discrete_state(self._times).value().copy()
         hands = np.linalg.norm(self._force.Eval(context).reshape(4, 3)[2:], axis=1)
         held = hands.min() >= self.rule.hold_n
         if self._phase.Eval(context)[0] != self.rule.ready_phase or not held:
@@ -77,14 +96,17 @@ class ModeSelector(LeafSystem):
             since = context.get_time()
         if since != NEVER and context.get_time() - since >= self.rule.settle_s - 1e-9:
             handed = context.get_time()
-            state.get_mutable_discrete_state(0).SetFromVector([CARRY])
-        state.get_mutable_discrete_state(1).SetFromVector([handed, since])
+            verdict = 0 if self._rehearse is None else self._rehearse(self._state.Eval(context))
+            state.get_mutable_discrete_state(self._verdict).SetFromVector([float(verdict)])
+            state.get_mutable_discrete_state(self._mode).SetFromVector([WALK if verdict else CARRY])
+        state.get_mutable_discrete_state(self._times).SetFromVector([handed, since])
 
     def _output(self, context: Context, output: BasicVector) -> None:
-        if context.get_discrete_state(0).value()[0] == PICKUP:
+        mode = context.get_discrete_state(self._mode).value()[0]
+        if mode == PICKUP:
             output.SetFromVector(self._pickup.Eval(context))
             return
-        handed = context.get_discrete_state(1).value()[0]
+        handed = context.get_discrete_state(self._times).value()[0]
         share = (context.get_time() - handed) / max(self.rule.blend_s, 1e-9)
-        carry = self._carry.Eval(context)
-        output.SetFromVector(carry if share >= 1.0 else blend(self._pickup.Eval(context), carry, share))
+        new = (self._walk if mode == WALK else self._carry).Eval(context)
+        output.SetFromVector(new if share >= 1.0 else blend(self._pickup.Eval(context), new, share))

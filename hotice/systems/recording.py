@@ -61,9 +61,12 @@ def read_logs(station: Station, context: Context) -> dict[str, SignalLog]:
     return logs
 
 
-def to_record(station: Station, context: Context, outcome: str | None = None) -> RolloutRecord:
-    """The logged rollout as the project's record; `outcome`: as in `hotice.replay.rollout.OUTCOMES`, default: judged.
+def to_record(
+    station: Station, context: Context, outcome: str | None = None, policy: str | None = None
+) -> RolloutRecord:
+    """The logged rollout as the project's record.
 
+    `outcome`: as in `hotice.replay.rollout.OUTCOMES`, default: judged; `policy`: what acted, default the controller's name.
     Raises `NotAvailable` for a station that does not log.
     """
     logs = read_logs(station, context)
@@ -75,8 +78,8 @@ def to_record(station: Station, context: Context, outcome: str | None = None) ->
     if station.pick is not None:
         qpos = qpos[_carried_from(logs["pickup.phase"], len(qpos)) :]
     return RolloutRecord.from_states(
-        model, state.value[:, :NQ], scene=station.scene, carried=station.carry.carried, time_s=state.time_s,
-        outcome=outcome or judge(station, qpos), policy=station.controller_name,
+        model, state.value[:, :NQ], scene=station.world, carried=station.carry.carried, time_s=state.time_s,
+        outcome=outcome or judge(station, qpos), policy=policy or station.controller_name,
         arrow_pos_W=np.stack([np.concatenate([p.p_WK, p.p_WOK]) for p in percepts]),
         arrow_force_W=np.stack([r.force_W for r in readings]),
         arrow_is_ogf=np.arange(len(readings[0].force_W)) >= NUM_SGF,

@@ -17,7 +17,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from hotice.errors import InvalidConfig, NotAvailable, UnknownName
 from hotice.fields import build_hod_pf
-from hotice.model import load_scene
+from hotice.model import Scene, load_scene
 from hotice.model.carry import CarryState, Posture, solve_carry
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.policies import PolicyTask, open_policy
@@ -33,9 +33,9 @@ from hotice.systems.station_control import (
     Sensed,
     add_controller,
     plan_pick,
-    with_table,
 )
 from hotice.systems.station_plant import PLANTS, add_plant
+from hotice.systems.table import around_table, table_of, with_table
 from hotice.systems.visualizer import Visualizer
 
 FINE_DT_S, CONTROLLED_DT_S = 0.002, 0.005
@@ -48,29 +48,42 @@ class Station(Diagram):
 
     Attributes:
         config, plant_name, controller_name: as given.
+<<<<<<< HEAD
         scene: of the config; world: the same and, for a pick-up, the table; pf: its fields.
         carry: carry state that the policy and `hold` keep, and where they start.
         policy, task: the policy file and its constants. motors: the plant's joints have motors that take torques, else position
             servos. torques: commands to the plant are torques, not joint targets.
+=======
+        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields,
+            which lead around the table.
+        carry: carry state that the policy and `hold` keep, and where they start; of a pick-up, where it ends.
+        policy, task: the policy file and its constants. torques: commands are torques, not joint targets.
+>>>>>>> h-control
         pick: the pick-up's setting, or None. physics_dt_s: step of the plant [s].
     """
 
     def __init__(self, config: StationConfig, plant: str, controller: str, meshcat: Any) -> None:
         Diagram.__init__(self)
         self.config, self.plant_name, self.controller_name = config, plant, controller
+<<<<<<< HEAD
         self.motors = controller in TORQUE_CONTROLLERS or config.servo == "pd"
         self.torques = self.motors and (controller in TORQUE_CONTROLLERS or plant == "drake")
         self.scene = self.world = load_scene(config.scene)
+=======
+        self.torques = controller in TORQUE_CONTROLLERS or config.servo == "pd"
+        self.scene = self.world = config.scene if isinstance(config.scene, Scene) else load_scene(config.scene)
+>>>>>>> h-control
         self.policy = open_policy(config.policy)
         self.task = PolicyTask.from_meta(self.policy.meta, self.policy.name)
         self.physics_dt_s = _physics_step(self)
-        self.pick = plan_pick(self) if controller.startswith("pickup") else None
-        if self.pick is None:
-            self.carry = solve_carry(config.carried, Posture(pelvis_height_m=config.pelvis_height_m))
-        else:
-            self.carry = self.pick.controller.carry
-            self.world = with_table(self.scene, self.pick.table)
-        self.pf = build_hod_pf(self.world, self.task.resolution_m, self.task.margin_m)
+        self.carry = solve_carry(config.carried, Posture(pelvis_height_m=config.pelvis_height_m))
+        picks = controller.startswith("pickup")
+        if picks:
+            self.world = with_table(self.scene, table_of(self.scene, config))
+        self.pf = build_hod_pf(around_table(self.world), self.task.resolution_m, self.task.margin_m)
+        self.pick = plan_pick(self) if picks else None
+        if self.pick is not None:
+            self.carry = self.pick.carry
         builder = DiagramBuilder()
         self._assemble(builder, meshcat)
         build(builder, self)

@@ -13,7 +13,9 @@ import yaml
 from hotice.errors import HoticeError, InputError, InvalidConfig
 from hotice.files import read_bytes
 from hotice.model.objects import Box, CarriedObject, object_from_dict
+from hotice.model.scene import Scene
 from hotice.model.sensing import STUDENT_SENSING, SensingConfig
+from hotice.systems.rehearsal_config import RehearsalConfig
 from hotice.systems.safety_monitor import SafetyLimits
 
 MAX_FILE_BYTES = 2**20
@@ -25,11 +27,11 @@ SENSING = {"exact": SensingConfig(), "student": STUDENT_SENSING}
 class StationConfig:
     """What stands where and how it is simulated. Raises `InvalidConfig` for impossible values."""
 
-    scene: str = "open_floor"
-    """Name of a shipped scene, or the path of a scene file."""
+    scene: str | Scene = "open_floor"
+    """Name of a shipped scene, the path of a scene file, or a scene."""
     carried: CarriedObject = field(default_factory=lambda: Box((0.30, 0.30, 0.30), 1.5))
     """The object; in a file a mapping with shape, sizes and mass_kg."""
-    policy: str = "carry"
+    policy: str = "student"
     """Shipped policy by name, or an .onnx file."""
     pelvis_height_m: float = 0.74
     """Height at which the robot starts to carry."""
@@ -50,10 +52,12 @@ class StationConfig:
     """When commands no longer pass."""
     support_height_m: float = 0.6
     """Top of the table from which the object is picked up."""
+    rehearsal: RehearsalConfig = field(default_factory=RehearsalConfig)
+    """How the policy is tried before it takes over from a pick-up; where it fails, the walking baseline carries on."""
     support_near_m: float = 0.25
     """From between the feet to the table's near edge."""
-    pick_bearing_rad: float = 0.0
-    """From the scene's heading at the start to the table, left positive."""
+    pick_bearing_rad: float = np.pi / 2
+    """From the scene's heading at the start to the table, left positive. Ahead (0) it stands in the way to the goal."""
     log_hz: float = 0.0
     """Rate at which every signal is logged; 0: not at all."""
     meshcat_hz: float = 30.0
@@ -73,11 +77,15 @@ class StationConfig:
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**31:
             raise InvalidConfig(f"seed is {self.seed!r}: a whole number from 0 to 2^31 - 1 is needed")
         for name in ("scene", "policy"):
+            if name == "scene" and isinstance(self.scene, Scene):
+                continue
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a name or a path is needed")
         if not isinstance(self.elliptic, bool):
             raise InvalidConfig(f"elliptic is {self.elliptic!r}: true or false is needed")
-        for name, kind in (("carried", CarriedObject), ("sensing", SensingConfig), ("safety", SafetyLimits)):
+        for name, kind in (
+            ("carried", CarriedObject), ("sensing", SensingConfig), ("safety", SafetyLimits), ("rehearsal", RehearsalConfig),
+        ):  # fmt: skip
             if not isinstance(getattr(self, name), kind):
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: see `StationConfig`")
 
@@ -99,6 +107,9 @@ class StationConfig:
                 for key, value in part.items():
                     _number(f"{name}.{key}", value)
                 values[name] = kind(**part)
+        if "rehearsal" in values and not isinstance(values["rehearsal"], RehearsalConfig):
+            part = _mapping("rehearsal", values["rehearsal"], [f.name for f in fields(RehearsalConfig)])
+            values["rehearsal"] = RehearsalConfig(**part)
         return cls(**values)
 
     @classmethod

@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
 
 from hotice.errors import NotAvailable
+from hotice.model.carry import CarryState
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
-from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 from hotice.systems.compose import connect
 from hotice.systems.controller_system import ControllerSystem
 from hotice.systems.joint_pd import JointPd
 from hotice.systems.mode_selector import HandOver, ModeSelector
 from hotice.systems.policy import PolicySystem
+from hotice.systems.rehearsal import Rehearsal
+from hotice.systems.table import pick_origin
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
@@ -29,9 +30,6 @@ CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
 """hold: the carry state's joint targets, without a policy: standing with the object."""
 TORQUE_CONTROLLERS = ("walk", "pickup", "pickup_then_policy")
 WALK_PHASES = ("shift", "swing", "double", "stand")
-SUPPORT = "support"
-TABLE_M = (0.40, 0.60)
-"""Depth and width of the table's top."""
 Array = NDArray[np.floating]
 Source = tuple[System, str]
 
@@ -61,13 +59,13 @@ class Sensed:
 class PickSetting:
     """A pick-up before it begins, in W.
 
-    controller: of `hotice.control.pickup`; origin: x, y [m], yaw [rad] of its frame; table: what the object stands on;
-    qpos: (34,) robot and object, in MuJoCo's order.
+    controller: of `hotice.control.pickup`; carry: the state in which it leaves the object; origin: x, y [m], yaw [rad] of its
+    frame; qpos: (34,) robot and object, in MuJoCo's order.
     """
 
     controller: Any
+    carry: CarryState
     origin: tuple[float, float, float]
-    table: Obstacle
     qpos: Array
 
 
@@ -130,21 +128,35 @@ def _add_pickup_then_policy(builder: DiagramBuilder, station: Station, sensed: S
     policy = _add_policy(builder, station, sensed, latency_s)
     servo = _add_servo(builder, policy, sensed)
     rule = HandOver(ready_phase=PHASES.index("hold"))
-    selector = builder.AddNamedSystem("mode_selector", ModeSelector(rule, station.task.control_dt_s))
+    walk = _add_walk_later(builder, station, sensed)
+    rehearsal = Rehearsal(station, station.config.rehearsal) if station.config.rehearsal.horizon_s else None
+    selector = builder.AddNamedSystem("mode_selector", ModeSelector(rule, station.task.control_dt_s, rehearsal))
     connect(builder, pickup, "torque", selector, "pickup_torque")
     connect(builder, servo, "torque", selector, "carry_torque")
     connect(builder, pickup, "phase", selector, "phase")
     connect(builder, *sensed.contact_force, selector, "contact_force")
+    if rehearsal is not None:
+        connect(builder, walk, "torque", selector, "walk_torque")
+        connect(builder, *sensed.robot_state, selector, "robot_state")
     connect(builder, selector, "carry_active", policy, "active")
+    connect(builder, selector, "walk_active", walk, "active")
     return selector
 
 
+def _add_walk_later(builder: DiagramBuilder, station: Station, sensed: Sensed) -> System:
+    from hotice.control.walk.later import WalkLater
+
+    controller = WalkLater(station.pf, station.carry)
+    return _add_steps(builder, "walk", ControllerSystem(controller, WALK_PHASES, station.carry.torque), sensed)
+
+
 def plan_pick(station: Station) -> PickSetting:
-    """The table, the robot before it and the plan to pick the station's object up from it.
+    """The robot before the table and the plan to pick the station's object up from it.
 
     Raises `HoticeError` for an object or a table that the pick-up refuses, `NotAvailable` without the pick-up.
     """
     try:
+        from hotice.control.hand_over import end_state
         from hotice.control.pick_plan import Support
         from hotice.control.pickup import Pickup
     except ModuleNotFoundError as error:
@@ -152,30 +164,23 @@ def plan_pick(station: Station) -> PickSetting:
             f"controller {station.controller_name!r} needs {error.name}, which is not installed"
         ) from None
     config, carried = station.config, station.config.carried
-    x, y, yaw = station.scene.start
-    origin = (x, y, yaw + config.pick_bearing_rad)
-    depth, width = TABLE_M
-    top, near = config.support_height_m, config.support_near_m
+    origin, support = (
+        pick_origin(station.scene, config),
+        Support(top_m=config.support_height_m, near_m=config.support_near_m),
+    )
     half = carried.half_extents_m
-    p_GO = np.array([near + 0.02 + half[0], 0.0, top + half[2]])
+    p_GO = np.array([support.near_m + 0.02 + half[0], 0.0, support.top_m + half[2]])
     upright = np.array([1.0, 0.0, 0.0, 0.0])
-    controller = Pickup(carried, Support(top_m=top, near_m=near), p_GO, upright)
-    turn, offset = quat_from_yaw(origin[2]), np.array([x, y, 0.0])
-    middle = quat_rotate(turn, np.array([near + 0.5 * depth, 0.0, 0.5 * top])) + offset
-    quat = tuple(float(v) for v in turn)
-    table = Obstacle(SUPPORT, "side", BoxShape((depth, width, top)), tuple(middle.tolist()), quat)  # type: ignore[arg-type]
+    departure = None
+    if station.controller_name == "pickup_then_policy":
+        from hotice.systems.departure import plan_departure
+
+        departure = plan_departure(station.pf, station.task, station.carry, origin)
+    controller = Pickup(carried, support, p_GO, upright, departure=departure)
+    turn, offset = quat_from_yaw(origin[2]), np.array([*origin[:2], 0.0])
     q = controller.start_q
     qpos = np.concatenate([
         quat_rotate(turn, q[:3]) + offset, quat_mul(turn, np.roll(q[3:7], 1)), q[7:27],
         quat_rotate(turn, p_GO) + offset, quat_mul(turn, upright),
     ])  # fmt: skip
-    return PickSetting(controller=controller, origin=origin, table=table, qpos=qpos)
-
-
-def with_table(scene: Scene, table: Obstacle) -> Scene:
-    """The scene and the table in it, its bounds widened to hold both."""
-    centre, radius = table.bounding_ball()
-    low, high = (np.array(b) for b in scene.bounds_m)
-    low[:2], high[:2] = np.minimum(low, centre - radius)[:2], np.maximum(high, centre + radius)[:2]
-    bounds = (tuple(low.tolist()), tuple(high.tolist()))
-    return Scene(scene.name, bounds, scene.start, scene.goal, (*scene.obstacles, table))  # type: ignore[arg-type]
+    return PickSetting(controller=controller, carry=end_state(controller), origin=origin, qpos=qpos)

@@ -16,7 +16,6 @@ from hotice.control.pick_plan import Planner, Support
 from hotice.control.pick_plan.task import COM_BOX_M, frames_at
 from hotice.control.pick_plan.trajectory import JOINT_SPEED
 from hotice.control.pickup import Pickup, PickupConfig, Stance
-from hotice.control.step_back import GRID_S, LANDING_S, SWING_S, plan_step_back
 from hotice.control.terms import FEET, torque_limits
 from hotice.errors import CarryInfeasible, HoticeError, InvalidConfig, PickInfeasible
 from hotice.model import Box, Cylinder, Sphere
@@ -91,26 +90,6 @@ def test_plans_keep_their_promises(carried):
     np.testing.assert_allclose(plan.retreat[0], plan.grasp)
     risen = frames_at(t, plan.retreat[plan.lift_knots]).p - hands.p
     np.testing.assert_allclose(risen.mean(axis=0), [0.0, 0.0, planner.rise_m], atol=0.003)
-
-
-def test_stepping_back_keeps_the_zero_moment_point_under_the_feet():
-    feet, com, height = np.array([[0.0, 0.12, 0.035], [0.0, -0.12, 0.035]]), np.array([0.03, 0.0]), 0.7
-    course = plan_step_back(feet, com, height, 0.4)
-    acceleration = np.gradient(np.gradient(course.com, GRID_S, axis=0), GRID_S, axis=0)
-    np.testing.assert_allclose(acceleration[2:-2], course.com_acc[2:-2], atol=0.05)
-    zmp = course.com - height / 9.81 * course.com_acc
-    for i in range(0, len(zmp), 10):
-        t = i * GRID_S
-        air, landed, places, _ = course.feet_at(t)
-        assert air != landed or air == -1
-        if air >= 0:
-            stance = places[1 - air]
-            assert abs(zmp[i, 1] - stance[1]) < 0.03 and -0.05 < zmp[i, 0] - stance[0] < 0.12
-    end = course.feet_at(course.seconds)[2]
-    np.testing.assert_allclose(end - feet, [[-0.4, 0, 0]] * 2, atol=1e-9)
-    np.testing.assert_allclose(course.com[-1] - com, [-0.4, 0.0], atol=1e-9)
-    np.testing.assert_allclose(course.shift(0.0)[0], 0.0, atol=1e-9)
-    assert len(course.swings) == 6 and LANDING_S < SWING_S
 
 
 def test_paths_start_and_end_at_rest():

@@ -58,25 +58,10 @@ def test_wiring_of_the_hand_over(picking):
     found = wires(picking)
     for wire in (
         ("pickup", "torque", "mode_selector", "pickup_torque"), ("joint_pd", "torque", "mode_selector", "carry_torque"),
-        ("mode_selector", "carry_active", "policy", "active"), ("mode_selector", "torque", "safety_monitor", "command"),
+        ("mode_selector", "carry_active", "policy", "active"), ("mode_selector", "walk_active", "walk", "active"),
+        ("walk", "torque", "mode_selector", "walk_torque"), ("mode_selector", "torque", "safety_monitor", "command"),
     ):  # fmt: skip
         assert wire in found
-
-
-@pytest.mark.slow
-def test_pickup_and_hand_over():
-    """Box in the hands through the switch and half a second on."""
-    station = make_station(StationConfig(log_hz=50.0), controller="pickup_then_policy")
-    logs = advance(station, 12.0)
-    mode, state = logs["mode_selector.mode"].value[:, 0], logs["state_adaptor.robot_state"].value
-    assert mode[-1] == 1.0
-    switch = int(np.argmax(mode))
-    assert 5.0 < 0.02 * switch < 11.6
-    force = logs["plant.contact_force"].value.reshape(-1, 4, 3)[switch - 10 : switch + 25, 2:]
-    assert np.linalg.norm(force, axis=2).min() > 3.0
-    assert state[switch : switch + 25, 38].min() > 0.7
-    torque = logs["safety_monitor.command"].value
-    assert np.abs(torque[switch + 1] - torque[switch]).max() < 30.0  # no jump
 
 
 @pytest.mark.parametrize(

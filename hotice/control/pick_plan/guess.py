@@ -26,7 +26,7 @@ from hotice.control.pick_plan.task import (
     ObjectPose,
     PickTask,
 )
-from hotice.control.terms import LEFT_FOOT, LEFT_HAND, NV, PELVIS, RIGHT_HAND, Terms
+from hotice.control.terms import HANDS, LEFT_FOOT, LEFT_HAND, NV, PELVIS, RIGHT_HAND, Terms
 from hotice.model import g1
 from hotice.model.carry import surface_distance
 from hotice.model.least_squares import minimize
@@ -124,6 +124,32 @@ class Guess:
             return [*found, _low(p)] if low else found
 
         return self._solve(start, posture, posture_weights(arms), rows)
+
+    def carried(self, hands: Frames) -> Array:
+        """The end: pelvis and legs of the carry state, from which carrying controllers take over.
+
+        The object is level, held as at the grasp, and as near to its place in the carry state as the arms can have it.
+        """
+        task, carry = self.task, self.task.grip.carry
+        wish = hands.carried_along(task.pose, task.final)
+        middle, apart = wish.p.mean(axis=0), wish.p[0] - wish.p[1]
+        soft, height = np.array([5.0, 60.0, 5.0]), carry.root_pos_W[2]
+
+        def rows(p: Pose) -> list[Rows]:
+            t = self.terms
+            found = self._stand(p, task.grip.carried.mass_kg, task.final.p_WO)
+            (left, right), (J_left, J_right) = t.p_WF[HANDS], t.J_WF[HANDS, :3]
+            found.append((200.0 * (left - right - apart), 200.0 * (J_left - J_right)))
+            found.append((soft * (0.5 * (left + right) - middle), soft[:, None] * 0.5 * (J_left + J_right)))
+            for i in range(2):
+                r, J = p.frame(LEFT_HAND + i, t.p_WF[LEFT_HAND + i], wish.R[i], (0.0, 40.0))
+                found.append((r[3:], J[3:]))
+            found.append((100.0 * (t.p_WF[PELVIS, 2:3] - height), 100.0 * t.J_WF[PELVIS, 2:3]))
+            found.append(p.pelvis_turn(np.zeros(3), np.full(3, 20.0)))
+            return found
+
+        start = np.concatenate([carry.root_pos_W, np.roll(carry.quat_WP, -1), carry.joint_pos])
+        return self._solve(start, carry.joint_pos, _weights(0.3), rows)
 
     def _before(self, grasp: Array) -> Callable[[Pose], list[Rows]]:
         """Before the grasp: the pelvis as then, hands above the support."""

@@ -33,8 +33,9 @@ HELD_M, HELD_RAD = 0.001, 0.01
 """How far the hands may move relative to each other while they hold the object."""
 LIFTED_M, LIFTED_RAD = 0.02, 0.05
 """How far the lifted object may be beside its place."""
-CARRY_M, CARRY_RAD = 0.06, 0.1
-"""How far from the carry state the object may end: locked wrists cannot bring every grasp there."""
+CARRY_M, CARRY_RAD = 0.03, 0.1
+"""How far the object may end from where the first guess has it, which is as near to the carry state as locked wrists allow."""
+PELVIS_M = 0.004
 LEVEL_SINE = 0.05
 
 
@@ -73,12 +74,15 @@ class KeyframeSolver:
         lifted = self._held(
             guessed, grasp[7:], up, task.lifted, grasp[3:7], 0.5, (LIFTED_M, LIFTED_RAD), "lifting the object"
         )
-        carry, low = task.grip.carry, hands.carried_along(task.pose, task.final)
-        q = np.concatenate([carry.root_pos_W, np.roll(carry.quat_WP, -1), carry.joint_pos])
-        guessed = guess.held(q, carry.joint_pos, low, task.final, np.zeros(3), arms=0.3)
+        guessed = guess.carried(hands)
+        found = frames_at(self.terms, guessed)
+        at = ObjectPose(p_WO=found.p.mean(axis=0) - task.final.R_WO @ p_OH.mean(axis=0), R_WO=task.final.R_WO)
+        low = hands.carried_along(task.pose, at)
+        carry = task.grip.carry
         end = self._held(
-            guessed, carry.joint_pos, low, task.final, q[3:7], 0.3, (CARRY_M, CARRY_RAD), "the carry state"
-        )
+            guessed, carry.joint_pos, low, at, np.roll(carry.quat_WP, -1), 0.3, (CARRY_M, CARRY_RAD), "the carry state",
+            pelvis_m=float(carry.root_pos_W[2]),
+        )  # fmt: skip
         return Keyframes(crouch=crouch, pregrasp=pregrasp, grasp=grasp, lifted=lifted, carry=end, hands=hands)
 
     def _grasp(self, guess: Array) -> Array:
@@ -144,9 +148,12 @@ class KeyframeSolver:
 
     def _held(
         self, guess: Array, posture: Array, hands: Frames, at: ObjectPose, quat: Array, arms: float,
-        free: tuple[float, float], what: str,
+        free: tuple[float, float], what: str, pelvis_m: float | None = None,
     ) -> Array:  # fmt: skip
-        """Hands as they hold the object at `at`, which may be off by `free` [m], [rad]; quat (4,) of the pelvis, xyzw."""
+        """Hands as they hold the object at `at`, which may be off by `free` [m], [rad].
+
+        quat (4,): wished turn of the pelvis, xyzw; `pelvis_m`: its height, where that is demanded.
+        """
         mass = self.task.grip.carried.mass_kg
         ik = self._demand.standing(mass, at.p_WO)
         left, right = HANDS
@@ -159,7 +166,11 @@ class KeyframeSolver:
                 ik.point(link, self._demand.hand(i) + off, hands.p[i] + hands.R[i] @ off, np.full(3, 140.0), np.eye(3))
         if self.task.grip.steps_back and at is self.task.lifted:
             self._demand.low(ik)
-        ik.pelvis_turn(np.roll(quat, 1), [2.0, 1.0, 1.0])
+        if pelvis_m is not None:
+            inf = np.inf
+            low, high = [-inf, -inf, pelvis_m - PELVIS_M], [inf, inf, pelvis_m + PELVIS_M]
+            ik.within("pelvis", np.zeros(3), low, high, "pelvis at the height of the carry state")
+        ik.pelvis_turn(np.roll(quat, 1), [2.0, 1.0, 1.0] if pelvis_m is None else np.full(3, 30.0))
         ik.posture(posture, posture_weights(arms))
         return ik.solve(guess, f"no configuration for {what}")
 

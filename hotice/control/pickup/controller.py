@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Command, Measurement
+from hotice.control.footwork import Departure
 from hotice.control.pick_plan import Planner, Support
 from hotice.control.pickup.config import PickupConfig
 from hotice.control.pickup.memory import PickupMemory
@@ -27,7 +28,7 @@ class Pickup:
     Args:
         carried: the object. support: what it stands on, seen from G, where the robot will stand.
         p_GO, quat_GO: where it is expected, (3,) [m] and (4,) wxyz, in G; `Stance` turns what is known in W.
-        config, qp: parameters.
+        departure: steps that follow when the object is held in the carry state. config, qp: parameters.
 
     Raises:
         CarryInfeasible: the object is too heavy, wide or deep to be held. PickInfeasible: it cannot be reached there.
@@ -35,10 +36,10 @@ class Pickup:
 
     def __init__(
         self, carried: CarriedObject, support: Support, p_GO: ArrayLike, quat_GO: ArrayLike, *,
-        config: PickupConfig | None = None, qp: QpConfig | None = None,
+        departure: Departure | None = None, config: PickupConfig | None = None, qp: QpConfig | None = None,
     ) -> None:  # fmt: skip
         self.config = config or PickupConfig()
-        self.carried, self.support = carried, support
+        self.carried, self.support, self.departure = carried, support, departure or Departure()
         self.planner = Planner(carried, support, self.config.durations)
         self.carry = self.planner.carry
         self.start_q = self.planner.start_q
@@ -48,7 +49,7 @@ class Pickup:
         self._qp = WholeBodyQp(self.planner.wrist_pos, qp)
         self._ref = ref = Terms(self.planner.wrist_pos)
         true = self._qp.terms
-        self._phases = Phases(self.config, self.planner, self.squeeze_n, true, ref)
+        self._phases = Phases(self.config, self.planner, self.departure, self.squeeze_n, true, ref)
         self._tracking = Tracking(carried, self.squeeze_n, true, ref)
 
     @property

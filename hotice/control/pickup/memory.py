@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.control.footwork import Course
 from hotice.control.pick_plan import PickPlan
 from hotice.control.pickup.stance import Stance
-from hotice.control.step_back import StepBack
 from hotice.control.whole_body_qp import QpMemory
 
 Array = NDArray[np.float64]
@@ -25,6 +25,7 @@ class PickupMemory:
         phase, since_s: what is done and since when. plan: of the present attempt; None while there is none.
         came_from: (27,) reference when the phase began. reference: (27,) of the last step.
         squeeze_n: present wished force of each hand. lost_since_s: since when a hand feels too little.
+        course, com0: of the steps that are being taken, and the common centre of mass (2,) when they began.
         failure: why the pick-up was aborted, empty where it was not. attempt: grasps begun.
     """
 
@@ -38,7 +39,8 @@ class PickupMemory:
     plan: PickPlan | None = None
     squeeze_n: float = 0.0
     load_share: float = 0.0
-    stepping: StepBack | None = None
+    course: Course | None = None
+    com0: Array = field(default_factory=lambda: np.zeros(2))
     air: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(2, dtype=bool))
     shift_m: float = 0.0
     lost_since_s: float | None = None

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.control.footwork import Feet
+
 Array = NDArray[np.float64]
 
 
@@ -16,10 +18,9 @@ class Motion:
 
     Attributes:
         rate: (26,) velocity of the reference. com_acc: (3,) of the centre of mass.
-        feet: (2, 3) wished ankles, feet_rate: (2, 3), where a foot is in the air.
+        feet: where the ankles go while a foot is in the air.
     """
 
     rate: Array = field(default_factory=lambda: np.zeros(26))
     com_acc: Array = field(default_factory=lambda: np.zeros(3))
-    feet: Array = field(default_factory=lambda: np.zeros((2, 3)))
-    feet_rate: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    feet: Feet | None = None

@@ -10,25 +10,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
+from hotice.control.footwork import Departure
 from hotice.control.path import along
 from hotice.control.pick_plan import Planner
+from hotice.control.pickup import stepping
 from hotice.control.pickup.config import PickupConfig
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.pickup.motion import Motion
 from hotice.control.pickup.plans import Plans
-from hotice.control.step_back import StepBack, plan_step_back
-from hotice.control.terms import FEET, HANDS, Terms
+from hotice.control.terms import HANDS, Terms
 
 Array = NDArray[np.float64]
-LANDED_N, SEARCH_M = 10.0, 0.01  # a foot that should stand but feels less goes on downwards
 FIRST_SQUEEZE_N, FIRST_SQUEEZE_N_PER_S = 25.0, 20.0  # while the hands look for the object
 
 
 class Phases:
     """The phase machine; `true`: terms of the measured state, `ref`: terms of the last reference."""
 
-    def __init__(self, config: PickupConfig, planner: Planner, squeeze_n: float, true: Terms, ref: Terms) -> None:
-        self.config, self.planner, self.squeeze_n = config, planner, squeeze_n
+    def __init__(
+        self, config: PickupConfig, planner: Planner, departure: Departure, squeeze_n: float, true: Terms, ref: Terms
+    ) -> None:
+        self.config, self.planner, self.departure, self.squeeze_n = config, planner, departure, squeeze_n
         self.plans = Plans(planner)
         self._true, self._ref = true, ref
         self._carried = planner.carried
@@ -37,7 +39,7 @@ class Phases:
         """One step: moves `memory` on, its reference included."""
         before, motion = memory.reference, Motion()
         STEPS[memory.phase](self, memory, m, motion, m.time_s - memory.since_s)
-        if memory.phase in ("lift", "back", "retreat", "hold"):
+        if memory.phase in ("lift", "back", "retreat", "depart", "hold"):
             self._watch(memory, m)
         motion.rate = self._ref._pin.difference(self._ref.model, before, memory.reference) * self.config.rate_hz
         return motion
@@ -97,22 +99,12 @@ class Phases:
         if risen < c.risen_share * planned:
             self._missed(memory, m, f"object rose {100 * risen:.0f} of {100 * planned:.0f} cm")
         elif plan.back_m > 0.0:
-            memory.stepping = self._stepping(plan.back_m)
-            self._enter(memory, m, "back")
+            self._step_off(memory, m, "back", Departure(back_m=plan.back_m))
         else:
             self._enter(memory, m, "retreat")
 
     def _back(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
-        stepping: Any = memory.stepping  # there since the lift
-        shift, motion.com_acc[:2] = stepping.shift(elapsed)
-        swing, landing, motion.feet, motion.feet_rate = stepping.feet_at(elapsed)
-        memory.air[:] = np.arange(2) == swing
-        if landing >= 0 and m.foot_force_W is not None and np.linalg.norm(m.foot_force_W[landing]) < LANDED_N:
-            motion.feet[landing, 2] -= SEARCH_M
-            memory.air[landing] = True
-        memory.reference = memory.came_from.copy()
-        memory.reference[:2] += shift
-        if elapsed >= stepping.seconds:
+        if stepping.go_on(memory, m, motion, elapsed):
             memory.shift_m = -_plan(memory).back_m
             self._enter(memory, m, "retreat")
 
@@ -120,7 +112,16 @@ class Phases:
         plan = _plan(memory)
         memory.reference = self._along(plan.retreat[plan.lift_knots :], elapsed / self.config.retreat_s)
         memory.reference[0] += memory.shift_m
-        if elapsed >= self.config.retreat_s:
+        if elapsed < self.config.retreat_s:
+            return
+        rest = replace(self.departure, back_m=max(self.departure.back_m - plan.back_m, 0.0))
+        if rest.stances():
+            self._step_off(memory, m, "depart", rest)
+        else:
+            self._enter(memory, m, "hold")
+
+    def _depart(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        if stepping.go_on(memory, m, motion, elapsed):
             self._enter(memory, m, "hold")
 
     def _open(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
@@ -179,12 +180,9 @@ class Phases:
             return True
         return bool((np.linalg.norm(m.hand_force_W, axis=1) >= least_n).all())
 
-    def _stepping(self, distance_m: float) -> StepBack:
-        """Course of stepping back from where the feet are."""
-        ref, load = self._ref, self._carried.mass_kg
-        held = ref.p_WF[HANDS].mean(axis=0)
-        com = (ref.mass_kg * ref.com[:2] + load * held[:2]) / (ref.mass_kg + load)
-        return plan_step_back(self._true.p_WF[FEET].copy(), com, float(ref.com[2]), distance_m)
+    def _step_off(self, memory: PickupMemory, m: Measurement, phase: str, departure: Departure) -> None:
+        self._enter(memory, m, phase)
+        stepping.begin(memory, self._true, self._ref, self._carried.mass_kg, departure)
 
 
 def _plan(memory: PickupMemory) -> Any:
@@ -194,7 +192,8 @@ def _plan(memory: PickupMemory) -> Any:
 
 STEPS: dict[str, Callable[[Phases, PickupMemory, Measurement, Motion, float], None]] = {
     "settle": Phases._settle, "crouch": Phases._crouch, "reach": Phases._reach, "close": Phases._close,
-    "squeeze": Phases._squeeze, "lift": Phases._lift, "back": Phases._back, "retreat": Phases._retreat, "hold": Phases._rest,
-    "open": Phases._open, "stand": Phases._stand, "abort": Phases._rest,
+    "squeeze": Phases._squeeze, "lift": Phases._lift, "back": Phases._back, "retreat": Phases._retreat,
+    "depart": Phases._depart, "hold": Phases._rest, "open": Phases._open, "stand": Phases._stand,
+    "abort": Phases._rest,
 }  # fmt: skip
 PHASES = tuple(STEPS)

@@ -11,6 +11,7 @@ from hotice.control.pickup.motion import Motion
 from hotice.control.tasks import Targets
 from hotice.control.terms import FEET, HANDS, LEFT_HAND, PELVIS, Terms
 from hotice.model import g1
+from hotice.model.frames import quat_from_yaw, quat_to_mat
 from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
@@ -44,9 +45,15 @@ class Tracking:
             t.frame_pos[f], t.frame_rot[f], t.frame_vel[f] = ref.p_WF[f], ref.R_WF[f], ref.v_WF[f]
         t.joint_pos[:], t.joint_vel[:] = ref.q[7:], ref.v[6:]
         k.foot_force_max_n[:] = STANDING_N
-        if memory.air.any():
+        if memory.air.any() and motion.feet is not None:
             k.foot_force_max_n[memory.air] = 0.0
-            t.frame_pos[FEET], t.frame_vel[FEET, :3] = motion.feet, motion.feet_rate
+            pose, velocity = motion.feet.pose, motion.feet.velocity
+            t.frame_pos[FEET], t.frame_vel[FEET, :3], t.frame_vel[FEET, 5] = (
+                pose[:, :3],
+                velocity[:, :3],
+                velocity[:, 3],
+            )
+            t.frame_rot[FEET] = quat_to_mat(quat_from_yaw(pose[:, 3]))
         self._press(memory)
         k.hand_force_max_n[:] = 2.0 * self._squeeze_n if memory.squeeze_n > 0 else 0.0
         k.load_kg = memory.load_share * self._carried.mass_kg

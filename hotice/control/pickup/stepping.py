@@ -1,0 +1,49 @@
+"""Steps of a pick-up: body, feet and reference along a course of `hotice.control.footwork`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.control.controller import Measurement
+from hotice.control.footwork import Departure, plan_steps
+from hotice.control.pickup.memory import PickupMemory
+from hotice.control.pickup.motion import Motion
+from hotice.control.terms import FEET, HANDS, Terms
+from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
+
+Array = NDArray[np.float64]
+LANDED_N, SEARCH_M = 10.0, 0.01  # a foot that should stand but feels less goes on downwards
+
+
+def begin(memory: PickupMemory, true: Terms, ref: Terms, load_kg: float, departure: Departure) -> None:
+    """Plans steps from where the feet are, for the body and the load as the reference has them."""
+    held = ref.p_WF[HANDS].mean(axis=0)
+    memory.com0 = (ref.mass_kg * ref.com[:2] + load_kg * held[:2]) / (ref.mass_kg + load_kg)
+    R = true.R_WF[FEET]
+    feet = np.column_stack([true.p_WF[FEET], np.arctan2(R[:, 1, 0], R[:, 0, 0])])
+    memory.course = plan_steps(feet, memory.com0, float(ref.com[2]), departure)
+
+
+def go_on(memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> bool:
+    """Moves reference and feet along the course; whether it is over."""
+    course: Any = memory.course  # there since `begin`
+    body, motion.feet = course.body_at(elapsed), course.feet_at(elapsed)
+    motion.com_acc[:2] = body.acceleration
+    memory.air[:] = np.arange(2) == motion.feet.air
+    landed = motion.feet.landed
+    if landed >= 0 and m.foot_force_W is not None and np.linalg.norm(m.foot_force_W[landed]) < LANDED_N:
+        motion.feet.pose[landed, 2] -= SEARCH_M
+        memory.air[landed] = True
+    memory.reference = moved(memory.came_from, memory.com0, body.shift, body.turn_rad)
+    return elapsed >= course.seconds
+
+
+def moved(q: Array, com: Array, shift: Array, turn_rad: float) -> Array:
+    """The configuration (27,) turned about the vertical through `com` (2,) and shifted by (2,)."""
+    turn, pivot = quat_from_yaw(turn_rad), np.array([*com, 0.0])
+    root = quat_rotate(turn, q[:3] - pivot) + pivot
+    root[:2] += shift
+    return np.concatenate([root, np.roll(quat_mul(turn, np.roll(q[3:7], 1)), -1), q[7:]])

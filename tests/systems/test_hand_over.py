@@ -1,0 +1,225 @@
+"""From pick-up to policy: who takes over, why, and what is told of it."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+pytest.importorskip("pinocchio")
+
+from hotice.control.footwork import Departure
+from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
+from hotice.fields import build_hod_pf
+from hotice.model import Obstacle, Scene
+from hotice.model.carry import solve_carry
+from hotice.model.robot_state import RobotState
+from hotice.model.shapes import BoxShape
+from hotice.policies import PolicyTask
+from hotice.systems import StationConfig, make_station, read_logs
+from hotice.systems.departure import SECTOR_RAD, plan_departure
+from hotice.systems.hand_over_report import HandOverReport, report_hand_over
+from hotice.systems.mode_selector import CARRY, WALK, HandOver, ModeSelector
+from hotice.systems.recording import SignalLog, wires
+from hotice.systems.rehearsal import VERDICTS, Rehearsal
+from hotice.systems.rehearsal_config import RehearsalConfig
+from hotice.systems.table import SUPPORT, around_table, beside_start, table_of, with_table
+
+OPEN = Scene("open")
+
+
+@pytest.mark.parametrize("verdict", [0, 1])
+def test_the_verdict_chooses_who_takes_over(verdict, robot_state):
+    seen = []
+
+    def rehearse(state):
+        seen.append(state.copy())
+        return verdict
+
+    system = ModeSelector(HandOver(ready_phase=8, settle_s=0.1, blend_s=0.2), 0.02, rehearse)
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    held = np.array([0.0, 0, 180, 0, 0, 180, 0, 40, 0, 0, -40, 0])
+    torques = {"pickup_torque": 1.0, "carry_torque": 5.0, "walk_torque": -3.0}
+    for name, value in torques.items():
+        system.GetInputPort(name).FixValue(context, np.full(20, value))
+    for name, value in (("phase", [8.0]), ("contact_force", held), ("robot_state", robot_state)):
+        system.GetInputPort(name).FixValue(context, value)
+
+    def outputs(*names):
+        return [float(system.GetOutputPort(name).Eval(context)[0]) for name in names]
+
+    simulator.AdvanceTo(0.09)
+    assert outputs("mode", "verdict", "fallbacks") == [0.0, -1.0, 0.0] and not seen
+    simulator.AdvanceTo(1.0)
+    assert len(seen) == 1 and (seen[0] == robot_state).all()  # one rehearsal, from the state at the switch
+    assert outputs("mode", "verdict") == [WALK if verdict else CARRY, verdict]
+    assert outputs("carry_active", "walk_active", "fallbacks") == [1.0 - verdict, verdict, verdict]
+    assert outputs("torque") == [torques["walk_torque" if verdict else "carry_torque"]]
+
+
+@pytest.fixture(scope="module")
+def ready():
+    """A station with policy `student` and its carry state at the start, (84,)."""
+    station = make_station(StationConfig(physics_dt_s=0.005, servo="pd"))
+    qpos, qvel = RobotState.from_carry(station.carry).to_mujoco(29)
+    return station, np.concatenate([qpos, qvel])
+
+
+def test_a_rehearsal_knows_fit_from_unfit(ready):
+    """From its own carry state the policy goes on; thrown over, or with the object out of reach, it does not."""
+    station, state = ready
+    once = Rehearsal(station, RehearsalConfig(horizon_s=2.0, push_m_s=(0.0,)))
+    before = state.copy()
+    assert VERDICTS[once(state)] == "fit" and VERDICTS[once(state)] == "fit"
+    np.testing.assert_array_equal(state, before)
+    thrown, lost = state.copy(), state.copy()
+    thrown[43:46] += [0.0, 4.0, 0.0]
+    lost[36] += 0.5
+    assert VERDICTS[once(thrown)] == "fall" and VERDICTS[once(lost)] == "drop"
+    pushed = Rehearsal(station, RehearsalConfig(horizon_s=2.0, push_m_s=(0.0, 4.0)))
+    assert VERDICTS[pushed(state)] in ("fall", "drop")  # the second try counts too
+
+
+def test_a_rehearsal_sees_obstacles(ready):
+    station, state = ready
+    wall = Obstacle("post", "side", BoxShape((0.1, 0.1, 1.4)), (0.1, 0.1, 0.7))
+    scene = Scene("post", obstacles=(wall,), start=(-0.4, 0.0, 0.0))
+    blocked = make_station(StationConfig(scene=scene, physics_dt_s=0.005, servo="pd"))
+    here = state.copy()
+    here[[0, 36]] -= 0.1  # the post is in the box
+    verdict = Rehearsal(blocked, RehearsalConfig(horizon_s=0.2, push_m_s=(0.0,)))(here)
+    assert VERDICTS[verdict] in ("object_collision", "robot_collision")
+
+
+@pytest.mark.parametrize(
+    "values, message",
+    [({"horizon_s": -1.0}, "horizon_s"), ({"horizon_s": "long"}, "horizon_s"), ({"push_m_s": ()}, "push_m_s"),
+     ({"push_m_s": (float("nan"),)}, "push_m_s"), ({"push_m_s": "no"}, "push_m_s")],
+)  # fmt: skip
+def test_impossible_rehearsals(values, message):
+    with pytest.raises(InvalidConfig, match=message):
+        RehearsalConfig(**values)
+    with pytest.raises(InvalidConfig, match=message):
+        StationConfig.from_dict({"rehearsal": values})
+
+
+def test_a_rehearsal_from_a_file():
+    config = StationConfig.from_dict({"rehearsal": {"horizon_s": 2, "push_m_s": [0, 0.2]}})
+    assert config.rehearsal == RehearsalConfig(horizon_s=2, push_m_s=(0.0, 0.2))
+    with pytest.raises(InvalidConfig, match="unknown key 'depth'"):
+        StationConfig.from_dict({"rehearsal": {"depth": 2}})
+
+
+@pytest.mark.parametrize("bearing", [np.pi / 2, -np.pi / 2, 0.0])
+def test_departures_leave_room_and_turn_to_the_command(bearing):
+    config = StationConfig(pick_bearing_rad=bearing)
+    world = with_table(OPEN, table_of(OPEN, config))
+    pf, origin = build_hod_pf(around_table(world)), (0.0, 0.0, bearing)
+    carry = solve_carry(config.carried)
+    found = plan_departure(pf, PolicyTask(), carry, origin)
+    assert found.back_m >= 0.2
+    if bearing:
+        assert np.sign(found.turn_rad) == -np.sign(bearing)
+        assert abs(found.turn_rad) == pytest.approx(np.pi / 2 - SECTOR_RAD, abs=0.35)
+    behind = Obstacle("wall", "side", BoxShape((0.1, 3.0, 1.5)), (-0.65, 0.0, 0.75))
+    if bearing == 0.0:  # no room to step back as far
+        tight = around_table(with_table(Scene("tight", ((-1.0, -1.0, 0.0), (2.5, 1.0, 1.5)), obstacles=(behind,)),
+                                        table_of(OPEN, config)))  # fmt: skip
+        assert plan_departure(build_hod_pf(tight), PolicyTask(), carry, origin).back_m < found.back_m
+
+
+def test_fields_lead_around_the_table():
+    config = StationConfig(pick_bearing_rad=0.0)
+    world = with_table(OPEN, table_of(OPEN, config))
+    top = np.array([0.45, 0.0, 0.75])
+    assert build_hod_pf(world).sgf.signed_distance(top) > 0.1  # a pelvis could fly over it
+    pf = build_hod_pf(around_table(world))
+    assert pf.sgf.signed_distance(top) < 0.0
+    force = pf.sgf.sample(np.array([-0.4, 0.0, 0.75]))
+    assert abs(np.arctan2(force[1], force[0])) > 0.4
+    assert [o.name for o in world.obstacles] == [SUPPORT] and world.obstacles[0].shape.size_m[
+        2
+    ] == config.support_height_m
+
+
+def test_a_table_beside_the_start():
+    config = StationConfig()
+    assert beside_start(OPEN, config).pick_bearing_rad == pytest.approx(np.pi / 2)
+    left = Obstacle("post", "side", BoxShape((0.1, 0.1, 1.2)), (0.3, 0.62, 0.6))
+    assert beside_start(Scene("left", obstacles=(left,)), config).pick_bearing_rad == pytest.approx(-np.pi / 2)
+    walls = [Obstacle(f"w{i}", "side", BoxShape((0.3, 0.3, 1.4)), (0.65 * np.cos(a), 0.65 * np.sin(a), 0.7))
+             for i, a in enumerate(np.linspace(0.6, 5.7, 9))]  # fmt: skip
+    with pytest.raises(InvalidStation, match="no room for a table"):
+        beside_start(Scene("cell", obstacles=tuple(walls)), config)
+
+
+def logs_of(station, modes, verdict, **change):
+    """Logs of a station that stands in its carry state; `change`: columns of the last row's state."""
+    qpos, qvel = RobotState.from_carry(station.carry).to_mujoco(29)
+    rows = np.tile(np.concatenate([qpos, qvel]), (len(modes), 1))
+    for index, value in change.items():
+        rows[-1, int(index[1:])] = value
+    time = 0.1 * np.arange(len(modes))
+    signals = {"mode_selector.mode": modes, "mode_selector.verdict": verdict, "pickup.phase": [2.0] * len(modes)}
+    logs = {k: SignalLog(time_s=time, value=np.array(v, dtype=float)[:, None]) for k, v in signals.items()}
+    return logs | {"state_adaptor.robot_state": SignalLog(time_s=time, value=rows)}
+
+
+def test_what_is_told_of_a_hand_over(ready):
+    station, _ = ready
+    report = report_hand_over(station, logs_of(station, [0, 0, 1, 1], [-1, -1, 0, 0]))
+    assert report == HandOverReport(who="policy", time_s=pytest.approx(0.2), verdict="fit", failure="")
+    report = report_hand_over(station, logs_of(station, [0, 2, 2], [-1, 1, 1]))
+    assert report.fell_back and "walk carried on" in str(report) and "rehearsal ended in a fall" in str(report)
+    report = report_hand_over(station, logs_of(station, [0, 1, 1], [-1, 0, 0], _2=0.3))
+    assert (report.failure, report.failed_s) == ("fall", pytest.approx(0.1))
+    assert report_hand_over(station, logs_of(station, [0, 1, 1], [-1, 0, 0], _38=1.4)).failure == "drop"
+    report = report_hand_over(station, logs_of(station, [0, 0], [-1, -1]))
+    assert report.time_s is None and "ended in phase reach" in report.failure
+    with pytest.raises(NotAvailable, match="hands nothing over"):
+        report_hand_over(station, {})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", ["student", "carry"])
+def test_the_box_stays_in_the_hands(policy):
+    """Three seconds beyond the switch, whoever carries on; `student`, which is fit for it, does so itself. No jump in torque."""
+    from benchmarks.handover import advance_beyond
+
+    station = make_station(StationConfig(policy=policy, log_hz=50.0), controller="pickup_then_policy")
+    simulator = Simulator(station)
+    advance_beyond(station, simulator, 3.0)
+    logs = read_logs(station, simulator.get_context())
+    report = report_hand_over(station, logs)
+    assert report.time_s is not None and not report.failure
+    assert report.who == "policy" or policy == "carry"
+    switch = int(np.argmax(logs["mode_selector.mode"].value[:, 0] > 0))
+    torque = logs["safety_monitor.command"].value
+    assert np.abs(torque[switch + 1] - torque[switch]).max() < 30.0
+    force = logs["plant.contact_force"].value.reshape(-1, 4, 3)[switch - 10 : switch + 25, 2:]
+    assert np.linalg.norm(force, axis=2).min() > 3.0
+
+
+@pytest.mark.slow
+def test_without_skill_the_walk_carries_on(monkeypatch):
+    """Where the rehearsal always ends in a fall, the baseline takes the box from the pick-up and walks on with it."""
+    from hotice.systems.play import play_station
+
+    monkeypatch.setattr(Rehearsal, "__call__", lambda self, state: VERDICTS.index("fall"))
+    station = make_station(StationConfig(log_hz=25.0), controller="pickup_then_policy")
+    assert ("walk", "torque", "mode_selector", "walk_torque") in wires(station)
+    found = play_station(station, 4.0)
+    assert found.hand_over is not None and found.hand_over.fell_back and not found.hand_over.failure
+    start, end = found.record.root_pos_W[[0, -1], 0]
+    assert end > start + 0.3 and found.record.policy == "pickup_then_policy: walk"
+
+
+def test_departures_of_stations(monkeypatch):
+    """Only a pick-up that hands over departs, and it is asked to where the policy is to go."""
+    import hotice.systems.departure as departure
+
+    monkeypatch.setattr(departure, "plan_departure", lambda *_: Departure(back_m=0.3, turn_rad=-0.4))
+    alone = make_station(controller="pickup")
+    assert alone.pick.controller.departure == Departure()
+    both = make_station(controller="pickup_then_policy")
+    assert both.pick.controller.departure == Departure(back_m=0.3, turn_rad=-0.4)
+    assert both.carry is both.pick.carry and (both.carry.wrist_pos == both.pick.controller.planner.wrist_pos).all()
