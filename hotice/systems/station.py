@@ -48,31 +48,19 @@ class Station(Diagram):
 
     Attributes:
         config, plant_name, controller_name: as given.
-<<<<<<< HEAD
-        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields.
-        carry: carry state that the policy and `hold` keep, and where they start.
+        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields, which lead around the table.
+        carry: carry state that the policy and `hold` keep, and where they start; of a pick-up, where it ends.
         policy, task: the policy file and its constants. motors: the plant's joints have motors that take torques, else position
             servos. torques: commands to the plant are torques, not joint targets.
-=======
-        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields,
-            which lead around the table.
-        carry: carry state that the policy and `hold` keep, and where they start; of a pick-up, where it ends.
-        policy, task: the policy file and its constants. torques: commands are torques, not joint targets.
->>>>>>> h-control
         pick: the pick-up's setting, or None. physics_dt_s: step of the plant [s].
     """
 
     def __init__(self, config: StationConfig, plant: str, controller: str, meshcat: Any) -> None:
         Diagram.__init__(self)
         self.config, self.plant_name, self.controller_name = config, plant, controller
-<<<<<<< HEAD
         self.motors = controller in TORQUE_CONTROLLERS or config.servo == "pd"
         self.torques = self.motors and (controller in TORQUE_CONTROLLERS or plant == "drake")
-        self.scene = self.world = load_scene(config.scene)
-=======
-        self.torques = controller in TORQUE_CONTROLLERS or config.servo == "pd"
         self.scene = self.world = config.scene if isinstance(config.scene, Scene) else load_scene(config.scene)
->>>>>>> h-control
         self.policy = open_policy(config.policy)
         self.task = PolicyTask.from_meta(self.policy.meta, self.policy.name)
         self.physics_dt_s = _physics_step(self)

@@ -149,7 +149,7 @@ class Guess:
             return found
 
         start = np.concatenate([carry.root_pos_W, np.roll(carry.quat_WP, -1), carry.joint_pos])
-        return self._solve(start, carry.joint_pos, _weights(0.3), rows)
+        return self._solve(start, carry.joint_pos, posture_weights(0.3), rows)
 
     def _before(self, grasp: Array) -> Callable[[Pose], list[Rows]]:
         """Before the grasp: the pelvis as then, hands above the support."""
