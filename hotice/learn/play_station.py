@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,10 @@ def record_stations(config: PlayConfig, scenes: Iterable[Scene]) -> list[Rollout
     """
     from hotice.systems import StationConfig  # before anything runs, so that a missing Drake is told at once
 
+    if Path(config.policy).is_dir():
+        raise InvalidConfig(
+            f"policy is {config.policy!r}: a station takes an exported one, make it with `hotice export`"
+        )
     sensing = STUDENT_SENSING if config.perturbed else SensingConfig()
     base = StationConfig(policy=config.policy, sensing=sensing, seed=config.seed % 2**31, log_hz=LOG_HZ)
     runs = []
