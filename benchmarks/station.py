@@ -4,7 +4,7 @@
 
 Speed: the same policy, fields, servo and physics, once as a plain loop and once as a station, in turns in one process; CPU
 time of the process, medians over rounds, and whether the states at the end are equal bit for bit. `motor`: the motors' own
-servos, commands held for a control period as in training; `pd`: the servo in the diagram commands torques every 2 ms.
+servos, commands held for a control period as in training; `pd`: a servo commands torques every 2 ms.
 Plants: two seconds of standing with the box, largest distance between the pelvises. Controllers (`--controllers`): pick-up
 and walk, simulated seconds per second.
 """
@@ -65,7 +65,7 @@ class PlainLoop:
             action = next_action(station.policy.run(observation[None])[0].astype(float), task.action_limit)
             phase = (phase + step) % (2.0 * np.pi)
             target = carry.joint_target + self.scale * action
-            if not station.torques:
+            if not station.motors:
                 data.ctrl[:] = target
                 mujoco.mj_step(model, data, substeps)
                 continue

@@ -1,6 +1,8 @@
 """How long does the whole-body QP take? Over the states of one pick-up, with the object in hand for half of the time.
 
-    python -m benchmarks.whole_body_qp [--solver proxqp|osqp] [--repeat 3] [--elapsed]
+    python -m benchmarks.whole_body_qp [--solver proxqp osqp osqp:1e-4] [--repeat 3] [--elapsed]
+
+A solver may be given a tolerance of its own; torques are compared with those of the first.
 
 The states, tasks and contacts of every step are recorded from a simulated pick-up with noise, then solved again in their order
 from a warm start, alone. Time is that of the process (what other processes take does not count); --elapsed uses the clock on
@@ -52,9 +54,19 @@ def record() -> tuple[list, np.ndarray]:
     return rows, Grip(carried=trial.carried, support=Support(top_m=trial.top_m, near_m=NEAR_M)).wrist_pos
 
 
+def solver(text: str) -> tuple[str, float | None]:
+    """`name` or `name:tolerance`."""
+    name, _, tolerance = text.partition(":")
+    if name not in SOLVERS:
+        raise argparse.ArgumentTypeError(f"unknown solver {name!r}: known are {', '.join(sorted(SOLVERS))}")
+    return name, float(tolerance) if tolerance else None
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--solver", choices=sorted(SOLVERS), nargs="*", default=sorted(SOLVERS))
+    parser.add_argument(
+        "--solver", type=solver, nargs="+", default=[solver(s) for s in ("proxqp", "osqp", "osqp:1e-4")]
+    )
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--elapsed", action="store_true", help="elapsed time in place of the time of the process")
     args = parser.parse_args()
@@ -68,30 +80,35 @@ def main() -> None:
         "p99 [ms]",
         "worst [ms]",
         "of it terms and assembly [ms]",
+        "torque off, median, p99 [N m]",
         "faults",
     ):
         table.add_column(column, justify="right")
-    for name in args.solver:
-        qp = WholeBodyQp(wrist, QpConfig(solver=name))
-        spent, faults, assembly = [], 0, []
+    first: list[np.ndarray] = []
+    for name, tolerance in args.solver:
+        qp = WholeBodyQp(wrist, QpConfig(solver=name, tolerance=tolerance))
+        spent, faults, assembly, torques = [], 0, [], []
         for _ in range(args.repeat):
-            memory = qp.start(rows[0][0])
+            memory, torques = qp.start(rows[0][0]), []
             for measurement, targets, contacts in rows:
                 begin = clock()
-                qp.solve(measurement, targets, contacts, memory)
+                torque = qp.solve(measurement, targets, contacts, memory)
                 spent.append(clock() - begin)
+                torques.append(torque.copy())
             faults += memory.faults
+        first = first or torques
+        off = np.abs(np.array(torques) - np.array(first)).max(axis=1)
         for measurement, targets, contacts in rows:
             begin = clock()
             qp.terms.update(measurement)
             qp.assemble(targets, contacts)
             assembly.append(clock() - begin)
         ms = 1e3 * np.array(spent)
-        table.add_row(
-            name, f"{ms.mean():.3f}", f"{np.median(ms):.3f}", f"{np.percentile(ms, 99):.3f}", f"{ms.max():.2f}",
-            f"{1e3 * np.mean(assembly):.3f}", str(faults),
-        )  # fmt: skip
-    Console(width=120).print(table)
+        label = name if tolerance is None else f"{name}:{tolerance:g}"
+        times = [f"{ms.mean():.3f}", f"{np.median(ms):.3f}", f"{np.percentile(ms, 99):.3f}", f"{ms.max():.2f}"]
+        away = f"{np.median(off):.3f}, {np.percentile(off, 99):.2f}"
+        table.add_row(label, *times, f"{1e3 * np.mean(assembly):.3f}", away, str(faults))
+    Console(width=150).print(table)
 
 
 if __name__ == "__main__":

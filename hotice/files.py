@@ -64,3 +64,15 @@ def make_folder(path: str | Path) -> Path:
     except OSError as error:
         raise OutputError(f"cannot create folder {path}: {error.strerror or error}") from None
     return path
+
+
+def check_writable(path: str | Path) -> None:
+    """Raises `OutputError` before the work rather than after it, when its result could not be written to this file."""
+    path = Path(path)
+    folder = path.parent
+    if path.is_dir():
+        raise OutputError(f"cannot write {path}: it is a folder, the name of a file is needed")
+    if not folder.is_dir():
+        raise OutputError(f"cannot write {path}: folder {folder} does not exist")
+    if not os.access(folder, os.W_OK):
+        raise OutputError(f"cannot write {path}: folder {folder} is not writable")

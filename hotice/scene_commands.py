@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from hotice.errors import HoticeError, InvalidConfig, OutputError
+from hotice.errors import HoticeError, InvalidConfig
+from hotice.files import check_writable
 from hotice.model.importers.front3d_scenes import Front3dConfig
 from hotice.model.importers.options import ImportOptions
 
@@ -75,7 +75,7 @@ def import_map(config: Flat[ImportConfig]) -> int:
     from hotice.model.importers.scene_import import import_scene
     from hotice.replay.import_picture import write_import_picture
 
-    _check_writable(config.out)
+    check_writable(config.out)
     console = Console(highlight=False)
     with console.status(f"importing {config.map}"):
         imported = import_scene(config.map, config)
@@ -101,7 +101,7 @@ def show(config: Flat[ShowConfig]) -> int:
     from hotice.replay.scene_view import page_server, scene_page
 
     if config.html is not None:
-        _check_writable(config.html)
+        check_writable(config.html)
     page = scene_page(_resolve(config.scenes), robot=config.robot, arrows=config.arrows)
     if config.html is not None:
         print(write_text(config.html, page))
@@ -234,11 +234,3 @@ def _verdict(scene: Scene) -> tuple[list[str], bool]:
     traversal = check_traversable(scene)
     row = [obstacles, f"{length:.2f}", f"{traversal.clearance_m:.2f}", "ok" if traversal.ok else traversal.reason]
     return row, traversal.ok
-
-
-def _check_writable(path: Path) -> None:
-    """`OutputError` before the work, when its result could not be written."""
-    if path.is_dir():
-        raise OutputError(f"cannot write {path}: it is a folder")
-    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise OutputError(f"cannot write {path}: folder {path.parent} is missing or not writable")

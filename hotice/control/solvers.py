@@ -137,14 +137,14 @@ class Osqp:
 SOLVERS = {"proxqp": ProxQp, "osqp": Osqp}
 
 
-def make_solver(name: str, problem: Problem) -> Solver:
-    """The named solver for problems that lie in the arrays of `problem`.
+def make_solver(name: str, problem: Problem, tolerance: float | None = None) -> Solver:
+    """The named solver for problems that lie in the arrays of `problem`; `tolerance` of its own where None.
 
     Raises `UnknownName`, and `InvalidConfig` where its package is missing.
     """
     if name not in SOLVERS:
         raise UnknownName("QP solver", name, SOLVERS)
     try:
-        return SOLVERS[name](problem)
+        return SOLVERS[name](problem) if tolerance is None else SOLVERS[name](problem, tolerance=tolerance)
     except ImportError as error:
         raise InvalidConfig(f"QP solver {name!r} needs {error.name}: pip install 'hotice[drake]'") from None

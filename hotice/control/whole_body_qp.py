@@ -40,6 +40,8 @@ class QpConfig:
 
     solver: str = "proxqp"
     """"proxqp" or "osqp"."""
+    tolerance: float | None = None
+    """Of the solver's residuals; None: its own, 1e-5 of ProxQP, 1e-6 of OSQP."""
     foot_friction: float = 0.6
     """Of the cones of the feet; the soles' own is 1."""
     hand_friction: float = 1.0
@@ -65,7 +67,7 @@ class QpConfig:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if name == "solver" or (name == "deadline_s" and value is None):
+            if name == "solver" or (name in ("deadline_s", "tolerance") and value is None):
                 continue
             if not (np.isfinite(value) and value > 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
@@ -109,7 +111,7 @@ class WholeBodyQp:
         p.C[LIMIT_ROWS, NV - NUM_JOINTS : NV] = np.eye(NUM_JOINTS)
         p.may_be_nonzero[9:][LIMIT_ROWS] = p.C[LIMIT_ROWS] != 0
         p.upper[FIRST_CONE:] = 0.0
-        self._solver = make_solver(self.config.solver, p)
+        self._solver = make_solver(self.config.solver, p, self.config.tolerance)
         self._limit = self.config.torque_share * torque_limits()
         self._full_limit = torque_limits()
         self._kp, self._kd = g1.gains()

@@ -13,9 +13,8 @@ from typing import Any
 import torch
 
 from hotice.errors import InvalidConfig
-from hotice.files import write_text
+from hotice.files import check_writable, write_text
 from hotice.learn.config import TrainConfig
-from hotice.learn.evaluate import check_writable
 from hotice.learn.runner import Runner
 from hotice.learn.stopwatch import Stopwatch
 from hotice.learn.version import source_version

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from hotice.errors import InvalidConfig
+from hotice.files import check_writable
 from hotice.learn.benchmark import BenchmarkConfig
 from hotice.learn.config import TrainConfig
 from hotice.learn.evaluate import EvaluateConfig
@@ -128,7 +129,6 @@ def reproduce(config: Flat[ReproduceConfig]) -> int:
 
 def export(config: Flat[ExportConfig]) -> int:
     """Write a policy as one ONNX file."""
-    from hotice.learn.evaluate import check_writable
     from hotice.learn.policy import export_onnx, torch_policy
 
     check_writable(config.out)

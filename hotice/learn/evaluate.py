@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -22,9 +21,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from hotice.errors import InvalidConfig, OutputError
+from hotice.errors import InvalidConfig
 from hotice.fields.bank import FieldBank
-from hotice.files import write_text
+from hotice.files import check_writable, write_text
 from hotice.learn.policy import Policy, check_layout, load_policy
 from hotice.learn.report import make_report, print_report
 from hotice.learn.trials import Trials, TrialStore
@@ -291,14 +290,3 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         write_text(config.out, json.dumps(report, indent=1) + "\n")
     print_report(report, Console(width=None if Console().is_terminal else 130))
     return report
-
-
-def check_writable(path: Path) -> None:
-    """Raises `OutputError` now rather than after the work, when the report could not be written."""
-    folder = path.parent
-    if path.is_dir():
-        raise OutputError(f"cannot write {path}: it is a folder")
-    if not folder.is_dir():
-        raise OutputError(f"cannot write {path}: folder {folder} does not exist")
-    if not os.access(folder, os.W_OK):
-        raise OutputError(f"cannot write {path}: folder {folder} is not writable")

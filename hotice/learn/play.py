@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import track
 
 from hotice.errors import InvalidConfig
-from hotice.learn.evaluate import check_writable
+from hotice.files import check_writable
 from hotice.learn.policy import load_policy
 from hotice.learn.record import failures_first, record_rollouts
 from hotice.learn.scene_sets import resolve_scenes

@@ -8,7 +8,7 @@ from hotice.sim.terminations import TERMINATIONS
 
 
 def _first_line(term: object) -> str:
-    return (term.__doc__ or "").strip().splitlines()[0]
+    return (term.__doc__ or "").strip().splitlines()[0].replace("|", "\\|")  # a bar would end the cell
 
 
 def reward_table() -> str:

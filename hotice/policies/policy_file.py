@@ -93,24 +93,34 @@ def read_onnx_meta(content: bytes, path: Path) -> dict[str, Any]:
 
 def check_layout(name: str, theirs: Sequence[Sequence[Any]], layout: Sequence[tuple[str, int]]) -> None:
     """Raises `CheckpointError` unless policy `name`, which reads `theirs`, reads exactly the observation `layout`."""
-    rows = [tuple(row) for row in theirs]
-    if rows == list(layout):
+    rows, given = _rows(name, theirs), [(name, width) for name, width in layout]
+    if rows == given:
         return
-    given = [tuple(row) for row in layout]
-    wrong = [f"the policy reads {a[0]} ({a[1]})" for a in rows if a not in given]
-    wrong += [f"the environment also gives {a[0]} ({a[1]})" for a in given if a not in rows]
+    wrong = [f"the policy reads {a} ({n})" for a, n in rows if (a, n) not in given]
+    wrong += [f"the environment also gives {a} ({n})" for a, n in given if (a, n) not in rows]
     raise CheckpointError(
-        f"{name}: observation layout differs from the environment's: {sum(w for _, w in rows)} numbers are read, "
-        f"{sum(w for _, w in given)} given; first difference: {(wrong or ['another order'])[0]}{_mend(rows, given)}"
+        f"{name}: observation layout differs from the environment's: {sum(n for _, n in rows)} numbers are read, "
+        f"{sum(n for _, n in given)} given; first difference: {(wrong or ['another order'])[0]}{_mend(rows, given)}"
     )
 
 
-def _mend(rows: Sequence[tuple[Any, ...]], given: Sequence[tuple[Any, ...]]) -> str:
+def _rows(name: str, layout: Any) -> list[tuple[str, int]]:
+    """Names and widths as a file gives them. Raises `CheckpointError` for anything else."""
+    try:
+        return [(str(row), int(width)) for row, width in layout]
+    except (TypeError, ValueError):
+        raise CheckpointError(
+            f"{name}: its observation layout is no list of names and widths: the file was changed"
+        ) from None
+
+
+def _mend(rows: list[tuple[str, int]], given: list[tuple[str, int]]) -> str:
     """What to do where the local obstacle scan alone is the difference."""
-    (names, more), scan = ([row[0] for row in table] for table in (rows, given)), "scan"
-    if [n for n in names if n != scan] != [n for n in more if n != scan] or (scan in names) == (scan in more):
+    scan = "scan"
+    theirs, ours = [name for name, _ in rows], [name for name, _ in given]
+    if [n for n in theirs if n != scan] != [n for n in ours if n != scan] or (scan in theirs) == (scan in ours):
         return ""
-    return f": give {'--scan' if scan in names else '--no-scan'}, or a policy for this observation"
+    return f": give {'--scan' if scan in theirs else '--no-scan'}, or a policy for this observation"
 
 
 def content_hash(model: Any, meta: dict[str, Any]) -> str:

@@ -72,7 +72,7 @@ class MujocoWarp:
             for name in differing
         }
         self._fields = {name: wp.to_torch(getattr(self._m, name)) for name in differing}
-        self._graphs: dict[int, wp.Graph | None] = {}
+        self._graphs: dict[int, wp.Graph] = {}
         everyone = torch.arange(num_envs, device=self.device)
         self.set_models(everyone, everyone % len(self.models))
 
@@ -126,6 +126,7 @@ class MujocoWarp:
             self._launch(substeps)  # compiles; a capture must not
             with wp.ScopedCapture(self._wp_device) as capture:
                 self._launch(substeps)
+            assert capture.graph is not None  # there is one once a capture has ended
             self._graphs[substeps] = capture.graph
             return
         wp.capture_launch(self._graphs[substeps], stream=wp.stream_from_torch(torch.cuda.current_stream(self.device)))

@@ -90,19 +90,22 @@ _FIELD_OGF = chain(swap([1, 0], _CODE), swap(_OTHER_CORNER, _CODE))
 _POSE = chain(VECTOR, VECTOR, (np.arange(3), np.array([-1.0, 1.0, -1.0])))
 
 POLICY: tuple[Observation, ...] = (
-    Observation("gyro", lambda s: 0.25 * s.w_WP_P, PSEUDO, "angular velocity of the pelvis, in P"),
+    Observation("gyro", lambda s: 0.25 * s.w_WP_P, PSEUDO, "angular velocity of the pelvis, in P, × 0.25"),
     Observation("gravity", lambda s: s.gravity_P, VECTOR, "gravity direction in P"),
     Observation("joint_pos", lambda s: s.q - s.grasp.joint_pos, _JOINTS, "20 joint angles from the carry state"),
-    Observation("joint_vel", lambda s: 0.1 * s.qd, _JOINTS, "20 joint velocities"),
+    Observation("joint_vel", lambda s: 0.1 * s.qd, _JOINTS, "20 joint velocities, × 0.1"),
     Observation("carry_pos", lambda s: s.grasp.joint_pos, _JOINTS, "20 joint angles of the carry state"),
     Observation("last_action", lambda s: s.action, _JOINTS, "20 actions"),
     Observation(
         "clock", lambda s: torch.stack([torch.sin(s.phase), torch.cos(s.phase)], dim=1), (np.arange(2), -np.ones(2)),
         "step clock of the left leg",
     ),
-    Observation("command", _command, chain(VECTOR, (np.arange(3), np.array([-1.0, 1.0, 1.0]))), "c, heading, distance"),
-    Observation("object_pose", _object_pose, _POSE, "object in Y"),
-    Observation("object_size", lambda s: 5.0 * s.grasp.half_extents, same(3), "half extents"),
+    Observation(
+        "command", _command, chain(VECTOR, (np.arange(3), np.array([-1.0, 1.0, 1.0]))),
+        "c in Y, sine and cosine of the heading error, squashed distance to go",
+    ),
+    Observation("object_pose", _object_pose, _POSE, "position from the pelvis and two axes of the object, in Y"),
+    Observation("object_size", lambda s: 5.0 * s.grasp.half_extents, same(3), "half extents, × 5"),
     Observation("sgf", lambda s: _field(s, s.sgf), _FIELD_SGF, "Standard Guidance Field at nine keypoints"),
     Observation("ogf", lambda s: _field(s, s.ogf), _FIELD_OGF, "Object-Centric Guidance Field at hands and object"),
 )  # fmt: skip
@@ -120,18 +123,21 @@ def policy_rows(scan: bool) -> tuple[Observation, ...]:
 
 PRIVILEGED: tuple[Observation, ...] = (
     Observation("root_velocity", lambda s: s.to_yaw_frame(s.v_WP), VECTOR, "pelvis velocity in Y"),
-    Observation("root_height", lambda s: 5.0 * (s.p_WP[:, 2:] - 0.74), same(1), "pelvis height"),
+    Observation("root_height", lambda s: 5.0 * (s.p_WP[:, 2:] - 0.74), same(1), "pelvis height over 0.74 m, × 5"),
     Observation("touch", lambda s: s.touch.float(), (np.array([1, 0]), np.ones(2)), "soles on the floor"),
-    Observation("foot_heights", lambda s: 10.0 * s.p_WK[:, FOOT_ENDS, 2], (np.array([1, 0, 3, 2]), np.ones(4)), "toes, heels"),
+    Observation(
+        "foot_heights", lambda s: 10.0 * s.p_WK[:, FOOT_ENDS, 2], (np.array([1, 0, 3, 2]), np.ones(4)),
+        "heights of toes and heels, × 10",
+    ),
     Observation("object_velocity", lambda s: s.to_yaw_frame(s.v_WO - s.v_WP), VECTOR, "relative to the pelvis, in Y"),
-    Observation("object_spin", lambda s: 0.25 * s.to_yaw_frame(s.w_WO), PSEUDO, "angular velocity in Y"),
+    Observation("object_spin", lambda s: 0.25 * s.to_yaw_frame(s.w_WO), PSEUDO, "angular velocity in Y, × 0.25"),
     Observation("object_mass", lambda s: s.grasp.mass, same(1), "mass [kg]"),
     Observation("goal", lambda s: s.goal_Y, (np.arange(2), np.array([1.0, -1.0])), "goal in Y"),
     Observation("time_left", lambda s: s.time_left[:, None], same(1), "share of the episode that is left"),
-    Observation("torque", lambda s: s.torque / 50.0, _JOINTS, "servo torques"),
+    Observation("torque", lambda s: s.torque / 50.0, _JOINTS, "servo torques, / 50 N m"),
     Observation(
         "clearance", lambda s: 5.0 * torch.clamp(torch.stack([s.clearance, s.object_clearance], dim=1), -0.1, 0.4),
-        same(2), "robot and object to obstacles",
+        same(2), "gaps from robot and object to obstacles, clipped, × 5",
     ),
 )  # fmt: skip
 

@@ -12,9 +12,8 @@ import torch
 from torch import Tensor
 
 from hotice.fields.bank import FieldBank
+from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.sim.snapshot import Grasp
-
-PELVIS_M = 0.75
 
 
 class NearStarts:
@@ -49,7 +48,7 @@ class NearStarts:
 
 def _way(bank: FieldBank, ids: Tensor, places: Tensor) -> Tensor:
     """Geodesic distance to the goal at pelvis height, (S, P) [m]."""
-    at_pelvis = torch.cat([places[:, :, :2], torch.full_like(places[:, :, :1], PELVIS_M)], dim=2)
+    at_pelvis = torch.cat([places[:, :, :2], torch.full_like(places[:, :, :1], GOAL_HEIGHT_M)], dim=2)
     return bank.sample("sgf", ids, at_pelvis).geodesic.clone()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hotice.fields.bank import FieldBank
-from hotice.model.scene import Scene
+from hotice.model.scene import GOAL_HEIGHT_M, Scene
 
 BODY_RADIUS_M = 0.38
 OBJECT_REACH_M = 0.62
@@ -26,7 +26,7 @@ def standing_places(scene: Scene, direction_of, geodesic_of) -> np.ndarray:
     low, high = (np.array(b) for b in scene.bounds_m)
     xs, ys = (np.arange(low[i] + 0.3, high[i] - 0.3 + 1e-9, STEP_M) for i in range(2))
     xy = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
-    pelvis = np.column_stack([xy, np.full(len(xy), 0.75)])
+    pelvis = np.column_stack([xy, np.full(len(xy), GOAL_HEIGHT_M)])
     togo = np.linalg.norm(xy - np.array(scene.goal), axis=1)
     distance = geodesic_of(pelvis)
     heading = np.arctan2(*np.moveaxis(direction_of(pelvis)[:, 1::-1], -1, 0)) if len(xy) else np.zeros(0)

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -23,6 +25,21 @@ def pd_torque(target: Array, q: Array, qd: Array, kp: Array, kd: Array, limit: A
     return np.minimum(np.maximum(torque, -limit, out=torque), limit, out=torque)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointServo:
+    """Gains kp [N m/rad] and kd [N m s/rad] and torque limit [N m] of the actuated joints, each (20,)."""
+
+    kp: Array
+    kd: Array
+    limit: Array
+
+    @classmethod
+    def of_g1(cls) -> JointServo:
+        """Of `g1.gains` and the robot's description."""
+        kp, kd = g1.gains()
+        return cls(kp=kp, kd=kd, limit=torque_limits())
+
+
 class JointPd(Diagram):
     """Inputs `joint_target` (20,) [rad] and `joint_state` (40,) q [rad], q̇ [rad/s]; output `torque` (20,) [N m].
 
@@ -32,16 +49,15 @@ class JointPd(Diagram):
 
     def __init__(self) -> None:
         Diagram.__init__(self)
-        kp, kd = g1.gains()
-        limit = torque_limits()
+        servo = JointServo.of_g1()
         builder = DiagramBuilder()
         split = builder.AddNamedSystem("split", Demultiplexer([NUM_JOINTS, NUM_JOINTS]))
         minus = builder.AddNamedSystem("minus", Gain(-1.0, NUM_JOINTS))
         error = builder.AddNamedSystem("error", Adder(2, NUM_JOINTS))
-        stiffness = builder.AddNamedSystem("stiffness", Gain(kp))
-        damping = builder.AddNamedSystem("damping", Gain(-kd))
+        stiffness = builder.AddNamedSystem("stiffness", Gain(servo.kp))
+        damping = builder.AddNamedSystem("damping", Gain(-servo.kd))
         total = builder.AddNamedSystem("total", Adder(2, NUM_JOINTS))
-        cut = builder.AddNamedSystem("cut", Saturation(-limit, limit))
+        cut = builder.AddNamedSystem("cut", Saturation(-servo.limit, servo.limit))
         builder.ExportInput(error.get_input_port(0), "joint_target")
         builder.ExportInput(split.get_input_port(0), "joint_state")
         builder.Connect(split.get_output_port(0), minus.get_input_port())

@@ -14,6 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from hotice.errors import InvalidStation, SimulationError
 from hotice.model import builder
+from hotice.systems.joint_pd import JointServo, pd_torque
 from hotice.systems.signals import CONTACT_FORCE, TOUCHING_BODIES
 
 Array = NDArray[np.float64]
@@ -26,23 +27,27 @@ class MujocoPlant(LeafSystem):
     The vector is MuJoCo's `mjSTATE_INTEGRATION` (time, qpos, qvel, warm start, controls, ...): stepping is bitwise that of
     `mj_step` in a loop, and a cloned Context replays identically.
 
-    Input `actuation` (nu,): what the model's actuators take: torques [N m] of motors, targets [rad] of servos.
+    Input `actuation` (nu,): what the model's actuators take: torques [N m] of motors, targets [rad] of position servos or, with
+    `servo`, of `pd_torque`, which then commands the motors anew at every time step of the model.
     Outputs `state` (nq + nv,): qpos and qvel; `contact_force` (12,): see `signals`, under the last controls;
     `full_state` (n,): the flat vector itself.
 
     Args:
         model: robot (20 joints), object and obstacles, of `builder.build_model`.
         qpos: (nq,) where the default Context starts, at rest; ctrl: (nu,) the controls before the first step.
-        period_s: for which a control is held: a multiple of the model's time step (default: one).
+        period_s: for which an actuation is held: a multiple of the model's time step (default: one).
+        servo: of motors that take joint targets.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, qpos: ArrayLike, ctrl: ArrayLike, period_s: float | None = None
+        self, model: mujoco.MjModel, qpos: ArrayLike, ctrl: ArrayLike, period_s: float | None = None,
+        servo: JointServo | None = None,
     ) -> None:  # fmt: skip
         super().__init__()
         self.model = model
         self._data, self._scratch = mujoco.MjData(model), mujoco.MjData(model)
-        self._ctrl = self._data.ctrl
+        self._servo, self._ctrl = servo, self._data.ctrl
+        self._joint_pos, self._joint_vel = self._data.qpos[7 : 7 + model.nu], self._data.qvel[6 : 6 + model.nu]
         self._holds = b""  # the state that `_data` was left in
         self.nq, self.nv, self.nu = model.nq, model.nv, model.nu
         self._touching = {model.body(name).id: i for i, name in enumerate(TOUCHING_BODIES)}
@@ -93,13 +98,21 @@ class MujocoPlant(LeafSystem):
         state = context.get_discrete_state_vector().value()
         if state.tobytes() != self._holds:  # another Context than the last step's, or one that was set
             mujoco.mj_setState(model, data, state, STATE)
-        self._ctrl[:] = command
-        mujoco.mj_step(model, data, self._steps)
+        if self._servo is None:
+            self._ctrl[:] = command
+            mujoco.mj_step(model, data, self._steps)
+        else:
+            self._serve(command, self._servo)
         new = discrete_state.get_mutable_value()
         mujoco.mj_getState(model, data, new, STATE)
         self._holds = new.tobytes()
         if not math.isfinite(new.dot(new)):
             raise SimulationError(f"physics diverged at {context.get_time():.3f} s: the state is not finite")
+
+    def _serve(self, target: Array, servo: JointServo) -> None:
+        for _ in range(self._steps):
+            self._ctrl[:] = pd_torque(target, self._joint_pos, self._joint_vel, servo.kp, servo.kd, servo.limit)
+            mujoco.mj_step(self.model, self._data)
 
     def _output_state(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state_vector().value()[self._motion])

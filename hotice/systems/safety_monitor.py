@@ -116,6 +116,12 @@ def safe_torque(state: Array, posture: SafePosture, fault: Fault) -> Array:
     return np.where(known, torque, 0.0 if fault is Fault.TILT else posture.torque)
 
 
+def safe_target(state: Array, posture: SafePosture, fault: Fault) -> Array:
+    """Joint targets (20,) of the posture; of a falling robot, where its joints are: its servos do little but damp."""
+    q = state[JOINT_POS]
+    return np.where(np.isfinite(q), q, posture.target) if fault is Fault.TILT else posture.target
+
+
 class SafetyMonitor(LeafSystem):
     """Inputs `robot_state` (84,), `command` (20,). Outputs `command` (20,), safe, and `faults` (5,).
 
@@ -138,7 +144,8 @@ class SafetyMonitor(LeafSystem):
         index = self.DeclareDiscreteState(5)
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         self._command = self.DeclareVectorInputPort("command", NUM_JOINTS)
-        self.DeclareVectorOutputPort("command", NUM_JOINTS, self._output_command)
+        reads = {self.discrete_state_ticket(index), self._state.ticket(), self._command.ticket()}
+        self.DeclareVectorOutputPort("command", NUM_JOINTS, self._output_command, reads)
         self.DeclareStateOutputPort("faults", index)
         self.DeclarePeriodicUnrestrictedUpdateEvent(control_dt_s, 0.0, self._check)
 
@@ -157,8 +164,6 @@ class SafetyMonitor(LeafSystem):
         held = context.get_discrete_state_vector().value()[4]
         if not held and math.isfinite(command.dot(command)):
             output.SetFromVector(command)
-        elif self.torques:
-            fault = Fault(int(held)) or Fault.COMMAND
-            output.SetFromVector(safe_torque(self._state.Eval(context), self.posture, fault))
         else:
-            output.SetFromVector(self.posture.target)
+            safe = safe_torque if self.torques else safe_target
+            output.SetFromVector(safe(self._state.Eval(context), self.posture, Fault(int(held)) or Fault.COMMAND))

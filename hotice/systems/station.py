@@ -48,17 +48,18 @@ class Station(Diagram):
 
     Attributes:
         config, plant_name, controller_name: as given.
-        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields,
-            which lead around the table.
+        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields, which lead around the table.
         carry: carry state that the policy and `hold` keep, and where they start; of a pick-up, where it ends.
-        policy, task: the policy file and its constants. torques: commands are torques, not joint targets.
+        policy, task: the policy file and its constants. motors: the plant's joints have motors that take torques, else position
+            servos. torques: commands to the plant are torques, not joint targets.
         pick: the pick-up's setting, or None. physics_dt_s: step of the plant [s].
     """
 
     def __init__(self, config: StationConfig, plant: str, controller: str, meshcat: Any) -> None:
         Diagram.__init__(self)
         self.config, self.plant_name, self.controller_name = config, plant, controller
-        self.torques = controller in TORQUE_CONTROLLERS or config.servo == "pd"
+        self.motors = controller in TORQUE_CONTROLLERS or config.servo == "pd"
+        self.torques = self.motors and (controller in TORQUE_CONTROLLERS or plant == "drake")
         self.scene = self.world = config.scene if isinstance(config.scene, Scene) else load_scene(config.scene)
         self.policy = open_policy(config.policy)
         self.task = PolicyTask.from_meta(self.policy.meta, self.policy.name)

@@ -37,7 +37,8 @@ class StationConfig:
     """Height at which the robot starts to carry."""
     servo: str = "motor"
     """motor: joint targets go to the motors' own servos, which the plant integrates implicitly, as in training. pd: a servo
-    in the diagram commands torques every physics step. Controllers that command torques need neither."""
+    commands torques every physics step: the MuJoCo plant's own, for the Drake plant `joint_pd` in the diagram. Controllers that
+    command torques need neither."""
     physics_dt_s: float | None = None
     """Step of either plant, and of the torque loop; the control period must be a multiple. Default: as in training where
     the policy drives the MuJoCo plant's own servos, else 0.002 s."""

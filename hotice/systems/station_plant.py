@@ -14,6 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 from hotice.model import builder as models
 from hotice.systems.compose import connect
 from hotice.systems.drake_plant import DrakePlant
+from hotice.systems.joint_pd import JointServo
 from hotice.systems.mujoco_plant import MujocoPlant
 from hotice.systems.state_adaptor import DrakeStateAdaptor, MujocoStateAdaptor
 
@@ -39,8 +40,9 @@ def add_plant(builder: DiagramBuilder, station: Station, period_s: float) -> tup
         connect(builder, plant, "state", adaptor, "state")
         return plant, adaptor
     model = station_model(station)
-    ctrl = np.zeros(model.nu) if station.torques else carry.joint_target
-    plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl, period_s))
+    ctrl = np.zeros(model.nu) if station.motors else carry.joint_target
+    servo = JointServo.of_g1() if station.motors and not station.torques else None
+    plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl, period_s, servo))
     adaptor = builder.AddNamedSystem("state_adaptor", MujocoStateAdaptor(plant.size, plant.first, carry.wrist_pos))
     connect(builder, plant, "full_state", adaptor, "full_state")
     return plant, adaptor
@@ -54,7 +56,7 @@ def station_model(station: Station) -> mujoco.MjModel:
         elliptic=station.config.elliptic,
     )  # fmt: skip
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must stay visible
-    if station.torques:
+    if station.motors:
         to_motors(model)
     return model
 

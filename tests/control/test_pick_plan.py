@@ -14,7 +14,8 @@ pytest.importorskip("adam.casadi")
 import pinocchio as pin
 
 from hotice.control.pick_plan import Durations, Planner, Support, cache
-from hotice.control.pick_plan.drake_ik import DrakeRobot, KeyframeIk
+from hotice.control.pick_plan.drake_ik import KeyframeIk
+from hotice.control.pick_plan.drake_robot import DrakeRobot
 from hotice.control.pick_plan.kinematics import NX, OUT, kinematics, to_q, to_x
 from hotice.control.pick_plan.nlp import Knots, PathProgram
 from hotice.control.pick_plan.task import PickTask, frames_at

@@ -86,6 +86,16 @@ def test_tables(capsys):
     assert "| S | `ogf_object` |" in out and "| actors, critics | `sgf` | 45 |" in out and "`fall`" in out
 
 
+def test_tables_are_markdown(capsys):
+    """Every row of a table has as many cells as its head, whatever its terms are described by."""
+    assert main(["tables"]) == 0
+    cells = 0
+    for line in capsys.readouterr().out.splitlines():
+        now = line.replace("\\|", "").count("|")
+        assert not (cells and now) or now == cells, line
+        cells = now
+
+
 def test_benchmark(tmp_path, capsys):
     out = tmp_path / "b.json"
     options = ["--num-envs", "4", "8", "--updates", "1", "--steps", "10", "--threads", "1", "--scenes", "open_floor"]

@@ -65,3 +65,26 @@ def test_an_impossible_constant_is_named(value):
         PolicyTask.from_meta(changed)
     with pytest.raises(CheckpointError, match="preset is 'x'"):
         PolicyTask.from_meta(meta | {"preset": "x"})
+
+
+def test_another_observation_is_told_with_what_to_give():
+    wider = (*LAYOUT, ("scan", 40))
+    with pytest.raises(
+        CheckpointError, match=r"p: .*201 numbers are read, 241 given.*also gives scan \(40\): give --no-scan"
+    ):
+        check_layout("p", LAYOUT, wider)
+    with pytest.raises(
+        CheckpointError, match=r"241 numbers are read, 201 given.*policy reads scan \(40\): give --scan"
+    ):
+        check_layout("p", wider, LAYOUT)
+    with pytest.raises(CheckpointError, match=r"first difference: the policy reads clock \(2\)$"):
+        check_layout("p", LAYOUT, [row for row in wider if row[0] != "clock"])
+    with pytest.raises(CheckpointError, match="another order$"):
+        check_layout("p", LAYOUT, LAYOUT[::-1])
+    check_layout("p", [list(row) for row in LAYOUT], LAYOUT)
+
+
+@pytest.mark.parametrize("layout", ["x", None, -1, [1], [["gyro"]], [["gyro", "three"]], {"gyro": 3}])
+def test_a_layout_that_is_none(layout):
+    with pytest.raises(CheckpointError, match="no list of names and widths"):
+        check_layout("p", layout, LAYOUT)

@@ -106,3 +106,27 @@ def test_diverged_physics_is_reported(model, carry):
     plant.GetInputPort("actuation").FixValue(simulator.get_mutable_context(), np.full(20, np.nan))
     with pytest.raises(SimulationError, match="physics diverged at 0.000 s"):
         simulator.AdvanceTo(0.1)
+
+
+def test_a_servo_in_the_plant_is_one_around_it(model, carry, rng):
+    """Bit for bit, over several time steps of one actuation; and a station with it holds the object."""
+    from copy import copy
+
+    from hotice.systems.joint_pd import JointServo, pd_torque
+
+    motors, servo = copy(model), JointServo.of_g1()
+    to_motors(motors)
+    plant = MujocoPlant(motors, carry.qpos(), np.zeros(20), 4 * model.opt.timestep, servo)
+    simulator, data = Simulator(plant), mujoco.MjData(motors)
+    data.qpos[:] = carry.qpos()
+    context = simulator.get_mutable_context()
+    for k in range(10):
+        target = carry.joint_target + 0.05 * rng.standard_normal(20)
+        plant.GetInputPort("actuation").FixValue(context, target)
+        simulator.AdvanceTo((k + 1) * 4 * model.opt.timestep - 1e-6)
+        for _ in range(4):
+            torque = pd_torque(target, data.qpos[7:27], data.qvel[6:26], servo.kp, servo.kd, servo.limit)
+            data.ctrl[:] = torque
+            mujoco.mj_step(motors, data)
+        np.testing.assert_array_equal(plant.GetOutputPort("full_state").Eval(context), flat(motors, data))
+    assert np.abs(data.qvel).max() > 0.1

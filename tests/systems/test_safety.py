@@ -112,6 +112,9 @@ def test_joint_targets(robot_state, posture, carry):
     command, faults = advance(simulator, system, 0.021, robot_state=np.full(84, np.nan))
     np.testing.assert_array_equal(command, carry.joint_target)
     assert faults[0] == 1
+    lying = bad_states(robot_state, posture)[Fault.TILT]
+    command, _ = advance(simulator, system, 0.041, robot_state=lying)
+    np.testing.assert_array_equal(command, lying[JOINT_POS])
 
 
 def test_limits_are_checked():

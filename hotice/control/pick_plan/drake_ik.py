@@ -8,14 +8,13 @@ A problem that has no solution is answered with the names of the constraints tha
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hotice.errors import MissingExtra, PickInfeasible
-from hotice.model import builder, g1
+from hotice.control.pick_plan.drake_robot import DrakeRobot
+from hotice.errors import PickInfeasible
 
 Array = NDArray[np.float64]
 JOINT_MARGIN_RAD = 0.02
@@ -24,43 +23,6 @@ ACCURACY = 5e-4
 MAJOR_STEPS = 150
 AHEAD_M, ASIDE_M = 0.2, 0.2
 """Points that fix a frame's orientation: a tolerance at them is one of the angle times this length."""
-
-
-class DrakeRobot:
-    """The robot as a Drake plant, wrists locked at `wrist_pos` (6,) [rad]. Raises `MissingExtra` without Drake."""
-
-    def __init__(self, wrist_pos: ArrayLike) -> None:
-        try:
-            from pydrake.multibody.plant import MultibodyPlant
-        except ModuleNotFoundError:
-            raise MissingExtra("planning a pick-up", "Drake", "drake") from None
-        self.plant = plant = MultibodyPlant(0.0)
-        builder.add_to_plant(plant, 20, wrist_pos)
-        plant.Finalize()
-        self.joints = np.array([plant.GetJointByName(j).position_start() for j in g1.ACTION_JOINTS])
-        self.mass_kg = float(plant.CalcTotalMass(plant.CreateDefaultContext()))
-        self.limits = np.stack(
-            [plant.GetPositionLowerLimits()[self.joints], plant.GetPositionUpperLimits()[self.joints]]
-        )
-
-    @cached_property
-    def hand_m(self) -> Array:
-        """Origins of the hand frames in those of the wrist links, (2, 3)."""
-        import mujoco
-
-        model = mujoco.MjModel.from_xml_path(g1.xml_path())
-        return np.array([model.site(f"{side}_hand").pos for side in g1.SIDES])
-
-    def positions(self, q: Array) -> Array:
-        """Configuration in Drake's order, from Pinocchio's (27,)."""
-        out = np.empty(27)
-        out[:4], out[4:7], out[self.joints] = np.roll(q[3:7], 1), q[:3], q[7:]
-        return out
-
-    def configuration(self, positions: Array) -> Array:
-        """Configuration in Pinocchio's order."""
-        quat = np.roll(positions[:4], -1)
-        return np.concatenate([positions[4:7], quat / np.linalg.norm(quat), positions[self.joints]])
 
 
 class KeyframeIk:

@@ -49,7 +49,7 @@ class Guess:
     def grasp(self) -> Array:
         """Palms on the object's sides, (27,)."""
         t, task, grip = self.terms, self.task, self.task.grip
-        weight = _weights(ARM_WEIGHT)
+        weight = posture_weights(ARM_WEIGHT)
         carried, pose = grip.carried, task.pose
 
         def rows(stiff: float, turn: float) -> Callable[[Pose], list[Rows]]:
@@ -102,12 +102,12 @@ class Guess:
                 p.hand_places(pose, p_OH, np.eye(3)[[0, 2]], 15.0),
             ]
 
-        return self._solve(grasp, grasp[7:], _weights(ARM_WEIGHT), rows)
+        return self._solve(grasp, grasp[7:], posture_weights(ARM_WEIGHT), rows)
 
     def crouch(self, grasp: Array) -> Array:
         """The body as at the grasp, the arms drawn back."""
         ready = np.concatenate([grasp[7:19], ready_joints(self.task.grip.carry)[g1.UPPER]])
-        return self._solve(grasp, ready, _weights(1.0), self._before(grasp))
+        return self._solve(grasp, ready, posture_weights(1.0), self._before(grasp))
 
     def held(self, start: Array, posture: Array, hands: Frames, at: ObjectPose, rpy: Array, *, arms: float) -> Array:
         """Hands at their poses with the object at `at`, near `start` and `posture`; `rpy`: wished turn of the pelvis.
@@ -123,7 +123,7 @@ class Guess:
             found.append(p.pelvis_turn(rpy, np.array([2.0, 1.0, 1.0])))
             return [*found, _low(p)] if low else found
 
-        return self._solve(start, posture, _weights(arms), rows)
+        return self._solve(start, posture, posture_weights(arms), rows)
 
     def carried(self, hands: Frames) -> Array:
         """The end: pelvis and legs of the carry state, from which carrying controllers take over.
@@ -149,7 +149,7 @@ class Guess:
             return found
 
         start = np.concatenate([carry.root_pos_W, np.roll(carry.quat_WP, -1), carry.joint_pos])
-        return self._solve(start, carry.joint_pos, _weights(0.3), rows)
+        return self._solve(start, carry.joint_pos, posture_weights(0.3), rows)
 
     def _before(self, grasp: Array) -> Callable[[Pose], list[Rows]]:
         """Before the grasp: the pelvis as then, hands above the support."""
@@ -210,7 +210,8 @@ class Guess:
         return t.q.copy()
 
 
-def _weights(arms: float) -> Array:
+def posture_weights(arms: float) -> Array:
+    """Of the joints' posture, (20,): light legs."""
     weight = np.full(20, arms)
     weight[g1.LOWER] = LEG_WEIGHT
     return weight

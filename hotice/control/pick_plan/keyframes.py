@@ -7,16 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.pick_plan.drake_ik import AHEAD_M, DrakeRobot, KeyframeIk
-from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M, ready_joints
-from hotice.control.pick_plan.guess import ARM_WEIGHT, LEG_WEIGHT, Guess
+from hotice.control.pick_plan.demands import HANDS, PALM_GAPS_M, Demands
+from hotice.control.pick_plan.drake_ik import AHEAD_M
+from hotice.control.pick_plan.drake_robot import DrakeRobot
+from hotice.control.pick_plan.grip import ready_joints
+from hotice.control.pick_plan.guess import ARM_WEIGHT, Guess, posture_weights
 from hotice.control.pick_plan.task import (
-    CHEST_GAP_M,
-    CHEST_M,
     COM_BOX_M,
-    KNEE_ROOM_M,
     PREGRASP_GAP_M,
-    STEPPING_HEIGHT_M,
     TIPS_ABOVE_M,
     TIPS_M,
     Frames,
@@ -25,16 +23,11 @@ from hotice.control.pick_plan.task import (
     frames_at,
 )
 from hotice.control.terms import PELVIS, Terms
+from hotice.errors import PickInfeasible
 from hotice.model import g1
-from hotice.model.carry import surface_distance
 from hotice.model.frames import quat_from_axis_angle, quat_from_yaw, quat_mul
 
 Array = NDArray[np.float64]
-FEET = tuple(f"{side}_ankle_roll_link" for side in g1.SIDES)
-HANDS = tuple(f"{side}_wrist_yaw_link" for side in g1.SIDES)
-KNEES = tuple(f"{side}_knee_link" for side in g1.SIDES)
-SIGN = (1.0, -1.0)
-PALM_GAP_M = 0.008  # locked wrists cannot make palms perfectly flush
 PALM_PLACE_M = 0.08
 HELD_M, HELD_RAD = 0.001, 0.01
 """How far the hands may move relative to each other while they hold the object."""
@@ -62,7 +55,8 @@ class KeyframeSolver:
     """Solves the keyframes of one task; `terms` serve as scratch. Raises `PickInfeasible`, naming what cannot be kept."""
 
     def __init__(self, task: PickTask, robot: DrakeRobot, terms: Terms) -> None:
-        self.task, self.robot, self.terms = task, robot, terms
+        self.task, self.terms = task, terms
+        self._demand = Demands(task, robot)
         self._guess = Guess(terms, task)
 
     def solve(self) -> Keyframes:
@@ -92,26 +86,38 @@ class KeyframeSolver:
         return Keyframes(crouch=crouch, pregrasp=pregrasp, grasp=grasp, lifted=lifted, carry=end, hands=hands)
 
     def _grasp(self, guess: Array) -> Array:
+        """The palms as flush as they can be."""
+        *tight, loose = PALM_GAPS_M[self.task.grip.carried.shape]
+        for off in tight:
+            try:
+                return self._grasp_within(off, guess)
+            except PickInfeasible:
+                continue
+        return self._grasp_within(loose, guess)
+
+    def _grasp_within(self, off_m: float, guess: Array) -> Array:
         task, grip = self.task, self.task.grip
         pose, carried = task.pose, grip.carried
-        ik = self._standing(0.0, pose.p_WO)
+        ik = self._demand.standing(0.0, pose.p_WO)
         ik.balance(COM_BOX_M, carried.mass_kg, pose.p_WO, "centre of mass with the object over the feet")
         frames = frames_at(self.terms, guess)
         if grip.steps_back:
-            self._low(ik)
+            self._demand.low(ik)
         elif carried.shape != "box":
             ik.point("pelvis", np.zeros(3), [0.0, 0.0, 0.7], [0.0, 0.0, 3.0], np.eye(3))
-        self._palms(ik, grip.toe_m, 300.0)
+        self._demand.palms(ik, grip.toe_m, off_m, 300.0)
         for i, link in enumerate(HANDS):
             place = pose.p_WO + pose.R_WO @ grip.place[i]
             reach = np.full(3, PALM_PLACE_M)
-            ik.within(link, self._hand(i), -reach, reach, "palms at their places on the object", place, pose.R_WO)
-            ik.point(link, self._hand(i), place, np.full(3, 15.0), pose.R_WO)
-            ik.level(link, self._hand(i), max(LEVEL_SINE, abs(float(frames.R[i, 2, 0]))), "level forearms")
-        self._chest(ik)
+            ik.within(
+                link, self._demand.hand(i), -reach, reach, "palms at their places on the object", place, pose.R_WO
+            )
+            ik.point(link, self._demand.hand(i), place, np.full(3, 15.0), pose.R_WO)
+            ik.level(link, self._demand.hand(i), max(LEVEL_SINE, abs(float(frames.R[i, 2, 0]))), "level forearms")
+        self._demand.chest(ik, self.terms)
         quat = quat_mul(quat_from_yaw(task.yaw), quat_from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.1)))
         ik.pelvis_turn(np.asarray(quat, dtype=np.float64), [6.0, 1.0, 0.3])
-        ik.posture(grip.carry.joint_pos, _weights(ARM_WEIGHT))
+        ik.posture(grip.carry.joint_pos, posture_weights(ARM_WEIGHT))
         x, y, z = pose.p_WO
         return ik.solve(
             guess,
@@ -122,22 +128,22 @@ class KeyframeSolver:
     def _before(self, guess: Array, grasp: Array, pelvis: Array, p_OH: Array | None) -> Array:
         """Before the grasp: near its body, hands above the support; with `p_OH` (2, 3) the palms wait beside the object."""
         task, grip = self.task, self.task.grip
-        ik = self._standing(0.0, task.pose.p_WO)
+        ik = self._demand.standing(0.0, task.pose.p_WO)
         ik.pelvis(pelvis, np.roll(grasp[3:7], 1), (10.0, 10.0))
         top = grip.support.top_m + TIPS_ABOVE_M
         for i, link in enumerate(HANDS):
             for tip in TIPS_M:
                 above, inf = [-np.inf, -np.inf, top], np.full(3, np.inf)
-                ik.within(link, self._hand(i) + tip, above, inf, "hands above the support")
+                ik.within(link, self._demand.hand(i) + tip, above, inf, "hands above the support")
         if p_OH is None:
             ready = np.concatenate([grasp[7:19], ready_joints(grip.carry)[g1.UPPER]])
-            ik.posture(ready, _weights(1.0))
+            ik.posture(ready, posture_weights(1.0))
             return ik.solve(guess, "no way to crouch before the object")
-        self._palms(ik, PREGRASP_GAP_M + grip.toe_m, 50.0)
+        self._demand.palms(ik, PREGRASP_GAP_M + grip.toe_m, PALM_GAPS_M[grip.carried.shape][-1], 50.0)
         for i, link in enumerate(HANDS):
             place = task.pose.p_WO + task.pose.R_WO @ p_OH[i]
-            ik.point(link, self._hand(i), place, [15.0, 0.0, 15.0], task.pose.R_WO)
-        ik.posture(grasp[7:], _weights(ARM_WEIGHT))
+            ik.point(link, self._demand.hand(i), place, [15.0, 0.0, 15.0], task.pose.R_WO)
+        ik.posture(grasp[7:], posture_weights(ARM_WEIGHT))
         return ik.solve(guess, "no room for the hands beside the object")
 
     def _held(
@@ -149,91 +155,24 @@ class KeyframeSolver:
         quat (4,): wished turn of the pelvis, xyzw; `pelvis_m`: its height, where that is demanded.
         """
         mass = self.task.grip.carried.mass_kg
-        ik = self._standing(mass, at.p_WO)
+        ik = self._demand.standing(mass, at.p_WO)
         left, right = HANDS
         p_LR, R_LR = hands.R[0].T @ (hands.p[1] - hands.p[0]), hands.R[0].T @ hands.R[1]
         held = "hold of the object"
-        ik.place(right, self._hand(1), self._hand(0) + p_LR, R_LR, held, HELD_M, HELD_RAD, seen_from=left)
-        ik.place(left, self._hand(0), hands.p[0], hands.R[0], "object on its way", *free)
+        ik.place(right, self._demand.hand(1), self._demand.hand(0) + p_LR, R_LR, held, HELD_M, HELD_RAD, seen_from=left)
+        ik.place(left, self._demand.hand(0), hands.p[0], hands.R[0], "object on its way", *free)
         for i, link in enumerate(HANDS):
             for off in (np.zeros(3), [AHEAD_M, 0.0, 0.0]):
-                ik.point(link, self._hand(i) + off, hands.p[i] + hands.R[i] @ off, np.full(3, 140.0), np.eye(3))
+                ik.point(link, self._demand.hand(i) + off, hands.p[i] + hands.R[i] @ off, np.full(3, 140.0), np.eye(3))
         if self.task.grip.steps_back and at is self.task.lifted:
-            self._low(ik)
+            self._demand.low(ik)
         if pelvis_m is not None:
             inf = np.inf
             low, high = [-inf, -inf, pelvis_m - PELVIS_M], [inf, inf, pelvis_m + PELVIS_M]
             ik.within("pelvis", np.zeros(3), low, high, "pelvis at the height of the carry state")
         ik.pelvis_turn(np.roll(quat, 1), [2.0, 1.0, 1.0] if pelvis_m is None else np.full(3, 30.0))
-        ik.posture(posture, _weights(arms))
+        ik.posture(posture, posture_weights(arms))
         return ik.solve(guess, f"no configuration for {what}")
-
-    def _standing(self, load_kg: float, p_load: Array) -> KeyframeIk:
-        """A problem with the feet where they are, balance, and room for the knees."""
-        task, ik = self.task, KeyframeIk(self.robot)
-        for i, link in enumerate(FEET):
-            ik.place(link, np.zeros(3), task.feet.p[i], task.feet.R[i], "foot on the floor")
-        room = task.grip.support.near_m - KNEE_ROOM_M
-        for link in KNEES:
-            ik.within(link, np.zeros(3), np.full(3, -np.inf), [room, np.inf, np.inf], "knees off the support")
-        ik.balance(COM_BOX_M, load_kg, p_load, "centre of mass over the feet")
-        ik.centre(1.0, load_kg, p_load)
-        return ik
-
-    def _palms(self, ik: KeyframeIk, gap_m: Array, weight: float) -> None:
-        """Every palm sphere `gap_m` (4,) off the object's side."""
-        carried, pose, name = self.task.grip.carried, self.task.pose, "palms on the object"
-        for i, link in enumerate(HANDS):
-            for p_H, gap in zip(PALM_POINTS_M, gap_m, strict=True):
-                p_F, off = self._hand(i) + p_H, PALM_RADIUS_M + gap
-                if carried.shape == "box":
-                    plane, inf = SIGN[i] * (carried.half_extents_m[1] + off), np.inf
-                    low, high = [-inf, plane - PALM_GAP_M, -inf], [inf, plane + PALM_GAP_M, inf]
-                    ik.within(link, p_F, low, high, name, pose.p_WO, pose.R_WO)
-                    on_plane = pose.p_WO + pose.R_WO @ [0.0, plane, 0.0]
-                    ik.point(link, p_F, on_plane, [0.0, weight, 0.0], pose.R_WO)
-                else:
-                    radius, gap_most = float(carried.half_extents_m[1]) + off, 0.5 * PALM_GAP_M
-                    low, high = radius - gap_most, radius + gap_most
-                    if carried.shape == "cylinder":
-                        ik.off_axis(link, p_F, pose.p_WO, pose.R_WO[:, 2], low, high, name)
-                    else:
-                        ik.off_point(link, p_F, pose.p_WO, low, high, name)
-
-    def _chest(self, ik: KeyframeIk) -> None:
-        """The chest stays off the object: of a box each point off the face that it is farthest beyond already."""
-        carried, pose, t = self.task.grip.carried, self.task.pose, self.terms
-        half, inf = carried.half_extents_m, np.inf
-        for p_P in CHEST_M:
-            p_O = (t.p_WF[PELVIS] + t.R_WF[PELVIS] @ p_P - pose.p_WO) @ pose.R_WO
-            name = "chest off the object"
-            if carried.shape == "box":
-                beyond = np.array([-p_O[0] - half[0], p_O[2] - half[2]])  # its front, its top
-                low, high = np.full(3, -inf), np.full(3, inf)
-                if beyond[0] > beyond[1]:
-                    high[0] = -half[0] - CHEST_GAP_M
-                else:
-                    low[2] = half[2] + CHEST_GAP_M
-                ik.within("pelvis", p_P, low, high, name, pose.p_WO, pose.R_WO)
-            elif surface_distance(carried, p_O[None])[0][0] < 0.3:
-                radius = float(half[1]) + CHEST_GAP_M
-                if carried.shape == "sphere":
-                    ik.off_point("pelvis", p_P, pose.p_WO, radius, inf, name)
-                elif p_O[2] < half[2]:
-                    ik.off_axis("pelvis", p_P, pose.p_WO, pose.R_WO[:, 2], radius, inf, name)
-
-    def _low(self, ik: KeyframeIk) -> None:
-        low, high = np.full(3, -np.inf), np.array([np.inf, np.inf, STEPPING_HEIGHT_M])
-        ik.within("pelvis", np.zeros(3), low, high, "pelvis low enough to step")
-
-    def _hand(self, side: int) -> Array:
-        return self.robot.hand_m[side]
-
-
-def _weights(arms: float) -> Array:
-    weight = np.full(20, arms)
-    weight[g1.LOWER] = LEG_WEIGHT
-    return weight
 
 
 def _rpy(terms: Terms, q: Array) -> Array:

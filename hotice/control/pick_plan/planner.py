@@ -102,7 +102,7 @@ class Planner:
 
     @cached_property
     def _robot(self):
-        from hotice.control.pick_plan.drake_ik import DrakeRobot
+        from hotice.control.pick_plan.drake_robot import DrakeRobot
 
         return DrakeRobot(self.wrist_pos)
 

@@ -3,38 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
-from hotice.control.footwork import Departure, Feet
+from hotice.control.footwork import Departure
 from hotice.control.path import along
-from hotice.control.pick_plan import PickPlan, Planner
+from hotice.control.pick_plan import Planner
 from hotice.control.pickup import stepping
 from hotice.control.pickup.config import PickupConfig
 from hotice.control.pickup.memory import PickupMemory
+from hotice.control.pickup.motion import Motion
+from hotice.control.pickup.plans import Plans
 from hotice.control.terms import HANDS, Terms
-from hotice.errors import PickInfeasible
 
 Array = NDArray[np.float64]
 FIRST_SQUEEZE_N, FIRST_SQUEEZE_N_PER_S = 25.0, 20.0  # while the hands look for the object
-
-
-@dataclass
-class Motion:
-    """What the reference of one step does beside being at a configuration, in G.
-
-    Attributes:
-        rate: (26,) velocity of the reference. com_acc: (3,) of the centre of mass.
-        feet: where the ankles go while a foot is in the air.
-    """
-
-    rate: Array = field(default_factory=lambda: np.zeros(26))
-    com_acc: Array = field(default_factory=lambda: np.zeros(3))
-    feet: Feet | None = None
 
 
 class Phases:
@@ -44,6 +31,7 @@ class Phases:
         self, config: PickupConfig, planner: Planner, departure: Departure, squeeze_n: float, true: Terms, ref: Terms
     ) -> None:
         self.config, self.planner, self.departure, self.squeeze_n = config, planner, departure, squeeze_n
+        self.plans = Plans(planner)
         self._true, self._ref = true, ref
         self._carried = planner.carried
 
@@ -168,28 +156,9 @@ class Phases:
         memory.air[:] = False
         memory.log.append((m.time_s, phase, note))
 
-    def foresee(self, memory: PickupMemory, m: Measurement) -> None:
-        """Plans for the object as it is seen before the first step; what hinders is left to be told when it is time to go."""
-        try:
-            memory.plan = self._planned(memory, m)
-        except PickInfeasible:
-            memory.plan = None
-
     def _begin(self, memory: PickupMemory, m: Measurement) -> None:
-        """Sets out with the plan there is, or with a new one where the object has moved since."""
-        try:
-            memory.plan = self._planned(memory, m)
-            self._enter(memory, m, "crouch")
-        except PickInfeasible as error:
-            memory.failure = str(error)
-            self._enter(memory, m, "stand", memory.failure)
-
-    def _planned(self, memory: PickupMemory, m: Measurement) -> PickPlan:
-        if m.p_WO is None or m.quat_WO is None:
-            raise PickInfeasible("the object is not seen")
-        if memory.plan is not None and self.planner.fits(memory.plan, memory.start, m.p_WO, m.quat_WO):
-            return memory.plan
-        return self.planner.plan(memory.start, m.p_WO, m.quat_WO)
+        memory.failure = self.plans.choose(memory, m)
+        self._enter(memory, m, "stand" if memory.failure else "crouch", memory.failure)
 
     def _missed(self, memory: PickupMemory, m: Measurement, why: str) -> None:
         if memory.attempt >= self.config.attempts:

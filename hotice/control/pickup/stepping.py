@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from hotice.control.controller import Measurement
 from hotice.control.footwork import Departure, plan_steps
 from hotice.control.pickup.memory import PickupMemory
+from hotice.control.pickup.motion import Motion
 from hotice.control.terms import FEET, HANDS, Terms
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
-
-if TYPE_CHECKING:
-    from hotice.control.pickup.phases import Motion
 
 Array = NDArray[np.float64]
 LANDED_N, SEARCH_M = 10.0, 0.01  # a foot that should stand but feels less goes on downwards

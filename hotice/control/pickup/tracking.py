@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hotice.control.contacts import GRAVITY, Contacts
 from hotice.control.pickup.memory import PickupMemory
-from hotice.control.pickup.phases import Motion
+from hotice.control.pickup.motion import Motion
 from hotice.control.tasks import Targets
 from hotice.control.terms import FEET, HANDS, LEFT_HAND, PELVIS, Terms
 from hotice.model import g1

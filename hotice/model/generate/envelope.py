@@ -14,8 +14,8 @@ pelvis. All numbers are ours:
 | hands | 0 .. load's centre + 0.08 | ± (w + 0.065)   | c - 0.06 .. c + 0.06                                          |
 | load  | 0.094 .. + its length  | ± w                | c ± half its height, c = h + 0.10, raised or lowered by 15 cm |
 
-The knees end at x = 0.36 m. Leaning moves the front of the trunk by 10 cm and the load by 6 cm. Neglected: the
-feet of a crouching robot stand 4 cm further ahead, and its shins slope ahead below 20 cm.
+The knees end at x = 0.36 m. Leaning moves the front of the trunk by 10 cm, of the arms by 5 cm and the load by 6 cm. Neglected:
+the feet of a crouching robot stand 4 cm further ahead, and its shins slope ahead below 20 cm.
 """
 
 from __future__ import annotations
