@@ -96,6 +96,7 @@ class Paths:
             "middle_weight": np.full(3, 200.0) if lifts else np.array([1.0, 60.0, 3.0]),
         }  # fmt: skip
         rows = []
+        near = np.inf if grip.steps_back else grip.support.near_m
         lowest = grip.support.top_m + grip.carried.half_extents_m[2] + 0.5 * CLEAR_M
         way_low, way_high = np.full((knots, 3), -np.inf), np.full((knots, 3), np.inf)
         for k, share in enumerate(np.arange(1, knots + 1) / (knots + 1)):
@@ -108,8 +109,8 @@ class Paths:
             )
             if lifts:
                 way_low[k], way_high[k] = -SLACK_M - HELD_M, SLACK_M + HELD_M
-            elif not grip.steps_back:
-                way_low[k, 2] = min(lowest - at.p_WO[2], 0.0)
+            elif at.p_WO[0] + grip.carried.half_extents_m[0] > near:  # still over the support
+                way_low[k, 2] = min(lowest - at.p_WO[2], 0.0) - SLACK_M
         theta = np.stack([knot.pack(knot.HOLDING, row) for row in rows])
         low, high = self._bounds()
         hold = np.concatenate([np.full(3, 2 * HELD_M), np.full(3, HELD_RAD + SLACK_RAD)])
