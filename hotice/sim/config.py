@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
+from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig
 from hotice.model.object_range import ObjectRange
-from hotice.sim.dynamics import STUDENT_DYNAMICS, DynamicsConfig
 from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
 
 LOW, UP = "low", "up"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from hotice.sim.dynamics import DynamicsConfig
 
 from hotice.errors import CarryInfeasible, CheckpointError, InputError, InvalidConfig, UnknownName
 from hotice.learn import runner
@@ -23,7 +24,6 @@ from hotice.model.object_range import ObjectRange
 from hotice.model.scene import load_scenes
 from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.dynamics import DynamicsConfig
 from hotice.sim.sensing import SensingConfig
 
 
