@@ -219,7 +219,7 @@ def test_station_equals_training(station, beam, carry):
     quiet = TaskConfig(start_noise_m=0.0, start_yaw_noise_rad=0.0, joint_noise_rad=0.0)
     env = TransportEnv(1, FieldBank.build([beam]), bank, seed=2, config=quiet, threads=1)
     obs, _ = env.reset()
-    policy = load_policy("carry")
+    policy = load_policy("student")
     simulator = Simulator(station)
     root = simulator.get_mutable_context()
     plant, acting = (station.GetSubsystemByName(name) for name in ("plant", "policy"))
