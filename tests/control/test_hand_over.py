@@ -67,7 +67,7 @@ def test_departures_begin_after_the_retreat():
     """From the end of the retreat on, the reference steps back and turns; without a departure it holds."""
     for departure, phase in ((Departure(), "hold"), (Departure(back_m=0.3, turn_rad=0.5), "depart")):
         picked = pickup(
-            Box((0.3, 0.3, 0.3), 1.5), departure=departure, config=PickupConfig(rate_hz=100.0, retreat_s=0.2)
+            Box((0.3, 0.3, 0.3), 1.5), departure=departure, config=PickupConfig(rate_hz=100.0, retreat_s=1.5)
         )
         q, zero = picked.start_q, np.zeros(3)
         m = Measurement(
