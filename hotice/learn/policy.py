@@ -27,6 +27,7 @@ from hotice.policies.policy_file import (
     content_hash,
     shipped_policies,
 )  # fmt: skip
+from hotice.policies.policy_task import PolicyTask
 from hotice.sim.config import get_preset
 
 
@@ -60,6 +61,7 @@ class OnnxPolicy:
     def __init__(self, path: Path, name: str | None = None, threads: int = 0, content: bytes | None = None) -> None:
         self._session = PolicySession(path, name, threads, content)
         self.name, self.meta = self._session.name, self._session.meta
+        PolicyTask.from_meta(self.meta, self.name)
 
     def act(self, obs: Tensor) -> Tensor:
         return torch.from_numpy(self._session.run(obs.detach().cpu().float().numpy())).to(obs.device)
@@ -84,7 +86,7 @@ def load_policy(name_or_path: str | Path, threads: int = 0) -> Policy:
 
 
 def torch_policy(path: Path) -> TorchPolicy:
-    """The policy of a checkpoint. Raises `CheckpointError`."""
+    """The policy of a checkpoint. Raises `CheckpointError`, also for constants of its task that are missing or impossible."""
     tensors, meta = load_checkpoint(path)
     try:
         config = meta["config"]
@@ -98,10 +100,11 @@ def torch_policy(path: Path) -> TorchPolicy:
         check_tensors(path, weights)
         net.load_state_dict(weights)
         described = policy_meta(meta)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
         raise CheckpointError(
             f"{path}: is no checkpoint of this version: {str(error).splitlines()[-1].strip()}"
         ) from None
+    PolicyTask.from_meta(described, str(path))
     net.eval()
     return TorchPolicy(str(path), described, net)
 

@@ -304,7 +304,7 @@ def kind_of(meta: dict[str, Any]) -> str:
 def _same_version(path: Path) -> Iterator[None]:
     try:
         yield
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
         if ran_out_of_memory(error):
             raise
         reason = f"{type(error).__name__} {error}".splitlines()[-1].strip()

@@ -14,11 +14,11 @@ from torch import Tensor
 from hotice.errors import CarryInfeasible
 from hotice.model import builder
 from hotice.model.carry import CarryState, solve_carry
+from hotice.model.dynamics import DynamicsConfig, joint_offset, perturb
 from hotice.model.object_range import ObjectRange
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim.cover import object_cover
-from hotice.sim.dynamics import DynamicsConfig, joint_offset, perturb
 from hotice.sim.snapshot import Grasp
 
 

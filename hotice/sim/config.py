@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-import numpy as np
-
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
+from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig
 from hotice.model.object_range import ObjectRange
-from hotice.sim.dynamics import STUDENT_DYNAMICS, DynamicsConfig
 from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
 
 LOW, UP = "low", "up"
 STUDENT_PUSH_M_S = 1.0
 """Largest push of students (CAT)."""
+MOST = 1_000_000
+"""No number of the task is larger: single precision holds it, and what is made of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,8 +133,8 @@ class TaskConfig:
         )  # fmt: skip
         for name in positive:
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
+            if not 0 < value <= MOST:  # also false for NaN
+                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0, at most {MOST:,}, is needed")
         for name in (
             "margin_m",
             "swing_height_m",
@@ -146,8 +146,8 @@ class TaskConfig:
             "tolerance_m",
         ):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+            if not 0 <= value <= MOST:
+                raise InvalidConfig(f"{name} is {value!r}: a finite number from 0 to {MOST:,} is needed")
         if self.max_steps < 1:
             raise InvalidConfig(
                 f"episode_s is {self.episode_s!r}: at least a control step, {self.control_dt_s:g} s, is needed"

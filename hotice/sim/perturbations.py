@@ -7,8 +7,8 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from hotice.errors import UnknownName
+from hotice.model.dynamics import DynamicsConfig
 from hotice.sim.config import TaskConfig
-from hotice.sim.dynamics import DynamicsConfig
 
 SENSED: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {

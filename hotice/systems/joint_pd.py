@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, Demultiplexer, Gain, Saturation
 
 from hotice.model import g1
+from hotice.model.dynamics import joint_offset
 from hotice.systems.signals import NUM_JOINTS, torque_limits
 
 Array = NDArray[np.float64]
@@ -27,17 +29,26 @@ def pd_torque(target: Array, q: Array, qd: Array, kp: Array, kd: Array, limit: A
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointServo:
-    """Gains kp [N m/rad] and kd [N m s/rad] and torque limit [N m] of the actuated joints, each (20,)."""
+    """Gains kp [N m/rad] and kd [N m s/rad], torque limit [N m] and error of the encoder [rad] of the actuated joints, (20,)."""
 
     kp: Array
     kd: Array
     limit: Array
+    offset: Array
 
     @classmethod
     def of_g1(cls) -> JointServo:
         """Of `g1.gains` and the robot's description."""
         kp, kd = g1.gains()
-        return cls(kp=kp, kd=kd, limit=torque_limits())
+        return cls(kp=kp, kd=kd, limit=torque_limits(), offset=np.zeros(NUM_JOINTS))
+
+    @classmethod
+    def of_model(cls, model: mujoco.MjModel) -> JointServo:
+        """Of the position servos of a model of `builder.build_model`, perturbed or not."""
+        return cls(
+            kp=model.actuator_gainprm[:, 0].copy(), kd=-model.actuator_biasprm[:, 2],
+            limit=model.actuator_forcerange[:, 1].copy(), offset=joint_offset(model),
+        )  # fmt: skip
 
 
 class JointPd(Diagram):

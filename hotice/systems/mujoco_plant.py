@@ -15,6 +15,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from hotice.errors import InvalidStation, SimulationError
 from hotice.model import builder
 from hotice.systems.joint_pd import JointServo, pd_torque
+from hotice.systems.pushes import NOW_S, PUSH
 from hotice.systems.signals import CONTACT_FORCE, TOUCHING_BODIES
 
 Array = NDArray[np.float64]
@@ -29,6 +30,7 @@ class MujocoPlant(LeafSystem):
 
     Input `actuation` (nu,): what the model's actuators take: torques [N m] of motors, targets [rad] of position servos or, with
     `servo`, of `pd_torque`, which then commands the motors anew at every time step of the model.
+    `push` (3,), with `pushed`: see `hotice.systems.pushes`; felt by the step that begins at its time.
     Outputs `state` (nq + nv,): qpos and qvel; `contact_force` (12,): see `signals`, under the last controls;
     `full_state` (n,): the flat vector itself.
 
@@ -36,12 +38,12 @@ class MujocoPlant(LeafSystem):
         model: robot (20 joints), object and obstacles, of `builder.build_model`.
         qpos: (nq,) where the default Context starts, at rest; ctrl: (nu,) the controls before the first step.
         period_s: for which an actuation is held: a multiple of the model's time step (default: one).
-        servo: of motors that take joint targets.
+        servo: of motors that take joint targets. pushed: whether there is an input `push`.
     """
 
     def __init__(
         self, model: mujoco.MjModel, qpos: ArrayLike, ctrl: ArrayLike, period_s: float | None = None,
-        servo: JointServo | None = None,
+        servo: JointServo | None = None, pushed: bool = False,
     ) -> None:  # fmt: skip
         super().__init__()
         self.model = model
@@ -56,6 +58,7 @@ class MujocoPlant(LeafSystem):
         index = self.DeclareDiscreteState(self.state_vector(qpos, ctrl=ctrl))
         only_state = {self.discrete_state_ticket(index)}
         self._actuation = self.DeclareVectorInputPort("actuation", self.nu)
+        self._push = self.DeclareVectorInputPort("push", PUSH) if pushed else None
         self.DeclareVectorOutputPort("state", self.nq + self.nv, self._output_state, only_state)
         self.DeclareVectorOutputPort("contact_force", CONTACT_FORCE, self._output_contact_force, only_state)
         self.DeclareStateOutputPort("full_state", index)
@@ -98,6 +101,10 @@ class MujocoPlant(LeafSystem):
         state = context.get_discrete_state_vector().value()
         if state.tobytes() != self._holds:  # another Context than the last step's, or one that was set
             mujoco.mj_setState(model, data, state, STATE)
+        if self._push is not None:
+            *change, when = self._push.Eval(context)
+            if abs(context.get_time() - when) < NOW_S:
+                data.qvel[:2] += change
         if self._servo is None:
             self._ctrl[:] = command
             mujoco.mj_step(model, data, self._steps)
@@ -110,6 +117,7 @@ class MujocoPlant(LeafSystem):
             raise SimulationError(f"physics diverged at {context.get_time():.3f} s: the state is not finite")
 
     def _serve(self, target: Array, servo: JointServo) -> None:
+        target = target - servo.offset if servo.offset.any() else target
         for _ in range(self._steps):
             self._ctrl[:] = pd_torque(target, self._joint_pos, self._joint_vel, servo.kp, servo.kd, servo.limit)
             mujoco.mj_step(self.model, self._data)

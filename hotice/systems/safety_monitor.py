@@ -117,7 +117,7 @@ def safe_torque(state: Array, posture: SafePosture, fault: Fault) -> Array:
 
 
 def safe_target(state: Array, posture: SafePosture, fault: Fault) -> Array:
-    """Joint targets (20,) of the posture; of a falling robot, where its joints are: its servos do little but damp."""
+    """Joint targets (20,) of the posture; of a falling robot, where its joints are: its servos then mostly damp."""
     q = state[JOINT_POS]
     return np.where(np.isfinite(q), q, posture.target) if fault is Fault.TILT else posture.target
 

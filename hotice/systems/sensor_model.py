@@ -146,19 +146,23 @@ class SensorModel(LeafSystem):
         control_dt_s: period of the measurements.
         seed: of the noise.
         late: whether measurements come one control step late (see `draw_delays`).
+        joint_offset: (20,) error of the encoders [rad].
     """
 
     def __init__(
-        self, carried: CarriedObject, config: SensingConfig, control_dt_s: float, seed: int = 0, late: bool = False
+        self, carried: CarriedObject, config: SensingConfig, control_dt_s: float, seed: int = 0, late: bool = False,
+        joint_offset: Array | None = None,
     ) -> None:  # fmt: skip
         super().__init__()
         self.config, self._dt_s = config, control_dt_s
+        self._offset = np.zeros(20) if joint_offset is None else joint_offset
+        self._exact = config.exact and not self._offset.any()
         self._true = PerceptModel(carried)
         self._world_aligned = carried.keypoints_world_aligned
         self._hold = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
         self._gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
-        if config.exact:
+        if self._exact:
             self.DeclareVectorOutputPort("percept", PERCEPT, self._output, {self._state.ticket()})
             return
         start = np.zeros(ESTIMATE + 3 + PERCEPT)
@@ -169,7 +173,7 @@ class SensorModel(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(control_dt_s, 0.0, self._update)
 
     def _output(self, context: Context, output: BasicVector) -> None:
-        if self.config.exact:
+        if self._exact:
             output.SetFromVector(self._truth(context).vector)
             return
         held = context.get_discrete_state_vector().value()
@@ -193,6 +197,6 @@ class SensorModel(LeafSystem):
         rng = np.random.Generator(np.random.Philox(key=int(held[_SEED]), counter=[0, 0, 0, count + 1]))
         return measure(
             self._truth(context), held[_ESTIMATE], rng.uniform(-1.0, 1.0, DRAWS), self.config, self._world_aligned,
-            refresh=count % self._hold == 0, gain=max(self._gain, 1.0 / (count + 1)), hold_s=self._hold * self._dt_s,
-            dt_s=self._dt_s if count else 0.0,
+            self._offset, refresh=count % self._hold == 0, gain=max(self._gain, 1.0 / (count + 1)),
+            hold_s=self._hold * self._dt_s, dt_s=self._dt_s if count else 0.0,
         )  # fmt: skip

@@ -11,6 +11,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
@@ -19,6 +20,7 @@ from hotice.errors import InvalidConfig, NotAvailable, UnknownName
 from hotice.fields import build_hod_pf
 from hotice.model import Scene, load_scene
 from hotice.model.carry import CarryState, Posture, solve_carry
+from hotice.model.dynamics import joint_offset
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.policies import PolicyTask, open_policy
 from hotice.systems.compose import build, connect
@@ -34,7 +36,7 @@ from hotice.systems.station_control import (
     add_controller,
     plan_pick,
 )
-from hotice.systems.station_plant import PLANTS, add_plant
+from hotice.systems.station_plant import PLANTS, add_plant, station_robot
 from hotice.systems.table import around_table, table_of, with_table
 from hotice.systems.visualizer import Visualizer
 
@@ -86,6 +88,11 @@ class Station(Diagram):
             raise NotAvailable(f"controller 'walk' needs {error.name}, which is not installed") from None
         return plan_walk(self.pf, self.carry, self.scene.start)
 
+    @cached_property
+    def robot(self) -> mujoco.MjModel:
+        """Model of robot, object and world with position servos, its parameters drawn from `config.dynamics`."""
+        return station_robot(self)
+
     @property
     def start_qpos(self) -> Array:
         """Where the default Context starts, (34,) in MuJoCo's order."""
@@ -96,7 +103,9 @@ class Station(Diagram):
         late, latency_s = draw_delays(config.sensing, dt, self.task.substeps, config.seed)
         period_s = self.physics_dt_s if self.torques or latency_s else dt
         plant, adaptor = add_plant(builder, self, period_s)
-        sensors = _add(builder, "sensor_model", SensorModel(config.carried, config.sensing, dt, config.seed, late))
+        offset = None if config.dynamics.nominal else joint_offset(self.robot)
+        model = SensorModel(config.carried, config.sensing, dt, config.seed, late, offset)
+        sensors = _add(builder, "sensor_model", model)
         fields = _add(builder, "guidance_field", GuidanceFieldSystem(self.pf, self.task))
         connect(builder, adaptor, "robot_state", sensors, "robot_state")
         connect(builder, sensors, "percept", fields, "percept")

@@ -12,6 +12,7 @@ import yaml
 
 from hotice.errors import HoticeError, InputError, InvalidConfig
 from hotice.files import read_bytes
+from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig
 from hotice.model.objects import Box, CarriedObject, object_from_dict
 from hotice.model.scene import Scene
 from hotice.model.sensing import STUDENT_SENSING, SensingConfig
@@ -21,6 +22,8 @@ from hotice.systems.safety_monitor import SafetyLimits
 MAX_FILE_BYTES = 2**20
 SERVOS = ("pd", "motor")
 SENSING = {"exact": SensingConfig(), "student": STUDENT_SENSING}
+DYNAMICS = {"nominal": DynamicsConfig(), "student": STUDENT_DYNAMICS}
+PARTS = {"sensing": SensingConfig, "dynamics": DynamicsConfig, "safety": SafetyLimits}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +47,15 @@ class StationConfig:
     the policy drives the MuJoCo plant's own servos, else 0.002 s."""
     sensing: SensingConfig = field(default_factory=SensingConfig)
     """Noise and delay of what the policy reads; in a file exact, student or a mapping."""
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    """Spread of gains, friction, masses and motors; the robot is drawn once, by the seed (MuJoCo plant). In a file nominal,
+    student or a mapping."""
+    push_m_s: float = 0.0
+    """Largest push, a sudden change of the pelvis' velocity (MuJoCo plant; students: 1.0); 0: none."""
+    push_interval_s: float = 5.0
+    """Mean time between pushes."""
     seed: int = 0
-    """Of the sensors' noise and delays."""
+    """Of the sensors' noise and delays, of dynamics and pushes."""
     elliptic: bool = False
     """Elliptic friction cones, solved to convergence (MuJoCo plant)."""
     safety: SafetyLimits = field(default_factory=SafetyLimits)
@@ -66,7 +76,9 @@ class StationConfig:
     def __post_init__(self) -> None:
         for name in ("meshcat_hz", "pelvis_height_m", "support_height_m", "support_near_m"):
             _number(name, getattr(self, name), above=0.0)
-        _number("log_hz", self.log_hz)
+        for name in ("log_hz", "push_m_s"):
+            _number(name, getattr(self, name))
+        _number("push_interval_s", self.push_interval_s, least=0.1)
         _number("pick_bearing_rad", self.pick_bearing_rad, least=-np.pi)
         if self.physics_dt_s is not None:
             _number("physics_dt_s", self.physics_dt_s, above=0.0)
@@ -83,9 +95,7 @@ class StationConfig:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a name or a path is needed")
         if not isinstance(self.elliptic, bool):
             raise InvalidConfig(f"elliptic is {self.elliptic!r}: true or false is needed")
-        for name, kind in (
-            ("carried", CarriedObject), ("sensing", SensingConfig), ("safety", SafetyLimits), ("rehearsal", RehearsalConfig),
-        ):  # fmt: skip
+        for name, kind in {"carried": CarriedObject, "rehearsal": RehearsalConfig, **PARTS}.items():
             if not isinstance(getattr(self, name), kind):
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: see `StationConfig`")
 
@@ -96,12 +106,13 @@ class StationConfig:
         values = dict(_mapping("station", data, known))
         if "carried" in values:
             values["carried"] = object_from_dict(values["carried"])
-        if isinstance(values.get("sensing"), str):
-            name = values["sensing"]
-            if name not in SENSING:
-                raise InvalidConfig(f"sensing is {name!r}: known are {', '.join(SENSING)}, or a mapping")
-            values["sensing"] = SENSING[name]
-        for name, kind in (("sensing", SensingConfig), ("safety", SafetyLimits)):
+        for part, known in (("sensing", SENSING), ("dynamics", DYNAMICS)):
+            if isinstance(values.get(part), str):
+                name = values[part]
+                if name not in known:
+                    raise InvalidConfig(f"{part} is {name!r}: known are {', '.join(known)}, or a mapping")
+                values[part] = known[name]
+        for name, kind in PARTS.items():
             if name in values and not isinstance(values[name], kind):
                 part = _mapping(name, values[name], [f.name for f in fields(kind)])
                 for key, value in part.items():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from hotice.sim.dynamics import DynamicsConfig
 
 from hotice.errors import CarryInfeasible, CheckpointError, InputError, InvalidConfig, UnknownName
 from hotice.learn import runner
@@ -23,7 +24,6 @@ from hotice.model.object_range import ObjectRange
 from hotice.model.scene import load_scenes
 from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.dynamics import DynamicsConfig
 from hotice.sim.sensing import SensingConfig
 
 
@@ -169,3 +169,44 @@ def test_the_scan_is_named_with_its_option(run, tiny_options, tmp_path, capfd):
     assert main(["train", "--out", str(copy), "--resume", *tiny_options, "--updates", "3", "--scan"]) == 2
     line = capfd.readouterr().err
     assert "201 numbers are read, 241 given" in line and "also gives scan (40): give --no-scan" in line
+
+
+@pytest.fixture
+def changed(run, tmp_path):
+    """Function: a copy of the run with something else, or nothing, in the configuration that its checkpoint notes."""
+
+    def change(*path, value=None):
+        copy = tmp_path / "changed"
+        shutil.copytree(run, copy)
+        file = sorted(copy.glob("checkpoint-*"))[-1] / "meta.json"
+        meta = json.loads(file.read_text())
+        *way, last = ("config", *path)
+        inner = meta
+        for key in way:
+            inner = inner[key]
+        inner.pop(last)
+        inner |= {} if value is None else {last: value}
+        file.write_text(json.dumps(meta))
+        return copy
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "path, value, message",
+    [
+        (("task",), -1, "leg_scale_rad|physics_dt_s"), (("task",), [], "physics_dt_s"), (("init_std",), [], "no checkpoint of"),
+        (("task", "leg_scale_rad"), None, "leg_scale_rad is None"), (("task", "leg_scale_rad"), "x", "leg_scale_rad is 'x'"),
+        (("task", "resolution_m"), [], "resolution_m is"), (("task", "scan"), 1, "scan is 1"), (("preset",), "x", "preset"),
+    ],
+)  # fmt: skip
+def test_what_a_checkpoint_notes_is_not_trusted(changed, path, value, message):
+    with pytest.raises((CheckpointError, UnknownName), match=message) as caught:
+        load_policy(changed(*path, value=value))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["leg_scale_rad", "swing_height_m", "push_m_s"])
+def test_numbers_beyond_single_precision(name):
+    with pytest.raises(InvalidConfig, match=f"{name} is 1e.300: .* 1,000,000"):
+        TaskConfig(**{name: 1e300})

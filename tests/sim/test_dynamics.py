@@ -4,8 +4,8 @@ import pytest
 
 from hotice.errors import InvalidConfig
 from hotice.model import g1
+from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig, joint_offset, perturb
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.dynamics import STUDENT_DYNAMICS, DynamicsConfig, joint_offset, perturb
 from hotice.sim.mujoco_batch import differing_fields
 
 

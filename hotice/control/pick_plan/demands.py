@@ -18,9 +18,9 @@ FEET = tuple(f"{side}_ankle_roll_link" for side in g1.SIDES)
 HANDS = tuple(f"{side}_wrist_yaw_link" for side in g1.SIDES)
 KNEES = tuple(f"{side}_knee_link" for side in g1.SIDES)
 SIGN = (1.0, -1.0)
-PALM_GAPS_M = {"box": (0.008,), "cylinder": (0.0005, 0.002, 0.004), "sphere": (0.0005, 0.002, 0.004)}
+PALM_GAPS_M = {"box": (0.008,), "cylinder": (0.0001, 0.0005, 0.002, 0.004), "sphere": (0.0001, 0.0005, 0.002, 0.004)}
 """How far palm spheres may be off the surface, tried one after another: locked wrists cannot make palms perfectly flush.
-On a flat side a cost does the rest; a round object would roll between palms of which only one pair of spheres touches."""
+A cost does the rest; a round object would roll between palms of which only one pair of spheres touches."""
 
 
 class Demands:
@@ -42,24 +42,24 @@ class Demands:
         return ik
 
     def palms(self, ik: KeyframeIk, gap_m: Array, off_m: float, weight: float) -> None:
-        """Every palm sphere `gap_m` (4,) off the object's side, within `off_m`; `weight` of the cost on a flat side."""
+        """Every palm sphere `gap_m` (4,) off the object's side, within `off_m`; `weight` of the cost of being off."""
         carried, pose, name = self.task.grip.carried, self.task.pose, "palms on the object"
         for i, link in enumerate(HANDS):
             for p_H, gap in zip(PALM_POINTS_M, gap_m, strict=True):
-                p_F, off = self.hand(i) + p_H, PALM_RADIUS_M + gap
+                p_F, out = self.hand(i) + p_H, float(carried.half_extents_m[1]) + PALM_RADIUS_M + gap
+                aside = {"box": 0.0, "cylinder": p_H[0], "sphere": np.hypot(p_H[0], p_H[2])}[carried.shape]
+                plane, inf = (
+                    SIGN[i] * np.sqrt(out**2 - aside**2),
+                    np.inf,
+                )  # where the sphere touches in the middle of the side
+                ik.point(link, p_F, pose.p_WO + pose.R_WO @ [0.0, plane, 0.0], [0.0, weight, 0.0], pose.R_WO)
                 if carried.shape == "box":
-                    plane, inf = SIGN[i] * (carried.half_extents_m[1] + off), np.inf
                     low, high = [-inf, plane - off_m, -inf], [inf, plane + off_m, inf]
                     ik.within(link, p_F, low, high, name, pose.p_WO, pose.R_WO)
-                    on_plane = pose.p_WO + pose.R_WO @ [0.0, plane, 0.0]
-                    ik.point(link, p_F, on_plane, [0.0, weight, 0.0], pose.R_WO)
+                elif carried.shape == "cylinder":
+                    ik.off_axis(link, p_F, pose.p_WO, pose.R_WO[:, 2], out - off_m, out + off_m, name)
                 else:
-                    radius = float(carried.half_extents_m[1]) + off
-                    low, high = radius - off_m, radius + off_m
-                    if carried.shape == "cylinder":
-                        ik.off_axis(link, p_F, pose.p_WO, pose.R_WO[:, 2], low, high, name)
-                    else:
-                        ik.off_point(link, p_F, pose.p_WO, low, high, name)
+                    ik.off_point(link, p_F, pose.p_WO, out - off_m, out + off_m, name)
 
     def chest(self, ik: KeyframeIk, terms: Terms) -> None:
         """The chest stays off the object: of a box each point off the face that it is farthest beyond by `terms`."""

@@ -23,6 +23,7 @@ from hotice.control.pick_plan.task import (
     frames_at,
 )
 from hotice.control.terms import Terms
+from hotice.errors import PickInfeasible
 
 Array = NDArray[np.float64]
 SHORT, LONG = 3, 7
@@ -34,6 +35,8 @@ EASE_PEAK = 1.875
 """Peak rate of the minimum-jerk course in which a path is followed, in units of its mean."""
 SLACK_M, SLACK_RAD = 0.003, 0.005
 """Added to bounds that the keyframes at both ends may use up."""
+EASED = 2.5
+"""Factor of the tolerances while holding, where no path keeps them."""
 REACH_GAP_M = 0.03
 """Of the palms off the object on their way to the pregrasp."""
 
@@ -96,6 +99,7 @@ class Paths:
             "middle_weight": np.full(3, 200.0) if lifts else np.array([1.0, 60.0, 3.0]),
         }  # fmt: skip
         rows = []
+        near = np.inf if grip.steps_back else grip.support.near_m
         lowest = grip.support.top_m + grip.carried.half_extents_m[2] + 0.5 * CLEAR_M
         way_low, way_high = np.full((knots, 3), -np.inf), np.full((knots, 3), np.inf)
         for k, share in enumerate(np.arange(1, knots + 1) / (knots + 1)):
@@ -108,17 +112,27 @@ class Paths:
             )
             if lifts:
                 way_low[k], way_high[k] = -SLACK_M - HELD_M, SLACK_M + HELD_M
-            elif not grip.steps_back:
-                way_low[k, 2] = min(lowest - at.p_WO[2], 0.0)
-        theta = np.stack([knot.pack(knot.HOLDING, row) for row in rows])
-        low, high = self._bounds()
-        hold = np.concatenate([np.full(3, 2 * HELD_M), np.full(3, HELD_RAD + SLACK_RAD)])
-        upright = np.full(3, LIFTED_RAD + SLACK_RAD if lifts else CARRY_RAD + SLACK_RAD)
+            elif at.p_WO[0] + grip.carried.half_extents_m[0] > near:  # still over the support
+                way_low[k, 2] = min(lowest - at.p_WO[2], 0.0) - SLACK_M
+        theta, what = (
+            np.stack([knot.pack(knot.HOLDING, row) for row in rows]),
+            "lifting the object" if lifts else "retreating",
+        )
+        standing_low, standing_high = self._bounds()
         pelvis = STEPPING_HEIGHT_M + SLACK_M if lifts and grip.steps_back else np.inf
-        low = [np.concatenate([low, -hold, -upright, way, [-np.inf]]) for way in way_low]
-        high = [np.concatenate([high, hold, upright, way, [pelvis]]) for way in way_high]
-        limits = self._limits(ends, theta, np.array(low), np.array(high), knots, seconds)
-        return self._solve(True, Knots(guess=guess, **limits), "lifting the object" if lifts else "retreating")
+
+        def solve(loose: float) -> Array:
+            hold = loose * np.concatenate([np.full(3, 2 * HELD_M), np.full(3, HELD_RAD + SLACK_RAD)])
+            upright = np.full(3, loose * ((LIFTED_RAD if lifts else CARRY_RAD) + SLACK_RAD))
+            room = (loose - 1.0) * SLACK_M
+            low = np.array([np.concatenate([standing_low, -hold, -upright, way - room, [-np.inf]]) for way in way_low])
+            high = np.array([np.concatenate([standing_high, hold, upright, way + room, [pelvis]]) for way in way_high])
+            return self._solve(True, Knots(guess=guess, **self._limits(ends, theta, low, high, knots, seconds)), what)
+
+        try:
+            return solve(1.0)
+        except PickInfeasible:
+            return solve(EASED)
 
     def _object_at(self, q: Array, keys: Keyframes) -> ObjectPose:
         """Where the left hand holds the object at a configuration."""

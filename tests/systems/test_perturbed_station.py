@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
+from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig, joint_offset
+from hotice.systems import StationConfig, make_station
+from hotice.systems.joint_pd import JointServo
+from hotice.systems.pushes import Pushes, draw_push
+from hotice.systems.station_plant import station_model
+
+YAML = {"sensing": "student", "dynamics": "student", "push_m_s": 1.0, "push_interval_s": 0.2}
+
+
+def config(seed=3, **changes):
+    return StationConfig.from_dict({**YAML, "seed": seed, **changes})
+
+
+def state(station, simulator):
+    plant = station.GetSubsystemByName("plant")
+    return plant.GetOutputPort("full_state").Eval(plant.GetMyContextFromRoot(simulator.get_context())).copy()
+
+
+@pytest.fixture(scope="module")
+def perturbed():
+    return make_station(config())
+
+
+def test_pushes_are_the_evaluations():
+    pushes = np.array([draw_push(0.5, 0.1, 7, k) for k in range(20_000)])
+    size = np.linalg.norm(pushes, axis=1)
+    assert (size > 0).mean() == pytest.approx(0.1, abs=0.01) and size.max() <= 0.5
+    assert size[size > 0].mean() == pytest.approx(0.25, abs=0.01) and np.abs(pushes.mean(axis=0)).max() < 0.003
+    np.testing.assert_array_equal(draw_push(0.5, 1.0, 7, 3), draw_push(0.5, 1.0, 7, 3))
+    assert (draw_push(0.5, 1.0, 7, 3) != draw_push(0.5, 1.0, 8, 3)).all()
+    with pytest.raises(InvalidStation, match="interval_s is 0.01: at least the control period"):
+        Pushes(1.0, 0.01, 0.02)
+
+
+def test_the_pelvis_feels_each_push_once():
+    """Velocity at the start of a control step, with and without its push, under motors' servos and under torques."""
+    for servo in ("motor", "pd"):
+        values = []
+        for push in (0.0, 1.0):
+            station = make_station(
+                StationConfig(push_m_s=push, push_interval_s=0.1, seed=1, servo=servo), controller="hold"
+            )
+            simulator = Simulator(station)
+            first = next(k for k in range(100) if draw_push(1.0, 0.2, 1, k).any())
+            simulator.AdvanceTo(0.02 * (first + 1) - 1e-6)
+            plant = station.GetSubsystemByName("plant")
+            values.append(plant.GetOutputPort("state").Eval(plant.GetMyContextFromRoot(simulator.get_context()))[34:36])
+        change, wanted = values[1] - values[0], draw_push(1.0, 0.2, 1, first)
+        assert change @ wanted > 0.2 * wanted @ wanted  # feet and legs take their share within the step
+        assert np.linalg.norm(change) < 1.1 * np.linalg.norm(wanted)
+
+
+def test_a_seed_and_a_cloned_context_replay_identically(perturbed):
+    first, again = Simulator(perturbed), Simulator(make_station(config()))
+    for simulator in (first, again):
+        simulator.AdvanceTo(0.3)
+    clone = Simulator(perturbed, first.get_context().Clone())
+    for simulator in (first, again, clone):
+        simulator.AdvanceTo(0.5)
+    ends = [state(perturbed, s) for s in (first, clone)] + [state(again.get_system(), again)]
+    np.testing.assert_array_equal(ends[0], ends[1])
+    np.testing.assert_array_equal(ends[0], ends[2])
+    other = make_station(config(seed=4))
+    simulator = Simulator(other)
+    simulator.AdvanceTo(0.3)
+    assert (state(other, simulator)[1:4] != state(perturbed, first)[1:4]).all()
+
+
+def test_the_robot_is_drawn(perturbed):
+    nominal = make_station(StationConfig(), controller="hold")
+    assert perturbed.robot.body_mass.sum() != nominal.robot.body_mass.sum()
+    assert np.abs(joint_offset(perturbed.robot)).max() > 0.001
+    seen = perturbed.GetSubsystemByName("sensor_model")
+    np.testing.assert_array_equal(seen._offset, joint_offset(perturbed.robot))
+    servo, plain = JointServo.of_model(perturbed.robot), JointServo.of_g1()
+    assert (servo.kp != plain.kp).all() and np.abs(servo.kp / plain.kp - 1).max() < 0.4
+    for name, values in vars(plain).items():
+        np.testing.assert_array_equal(getattr(JointServo.of_model(nominal.robot), name), values)
+    torques = make_station(StationConfig(dynamics=DynamicsConfig(motor_strength=0.1)), controller="pickup")
+    strength = station_model(torques).actuator_gainprm[:, 0]
+    assert 0.9 < strength.min() < strength.max() < 1.1 and strength.std() > 0.01
+
+
+def test_encoders_that_err_are_read_so(carry, robot_state, run):
+    from hotice.model.sensing import SensingConfig
+    from hotice.policies.percept import Percept
+    from hotice.systems.sensor_model import SensorModel
+
+    offset = np.linspace(-0.01, 0.01, 20)
+    true = Percept(run(SensorModel(carry.carried, SensingConfig(), 0.02), "percept", robot_state=robot_state))
+    seen = Percept(
+        run(SensorModel(carry.carried, SensingConfig(), 0.02, joint_offset=offset), "percept", robot_state=robot_state)
+    )
+    np.testing.assert_allclose(seen.q - true.q, offset, atol=1e-12)
+    seen.q[:] = true.q
+    np.testing.assert_allclose(seen.vector, true.vector, atol=1e-9)
+
+
+def test_what_goes_wrong():
+    for changes, message in (
+        ({"push_m_s": -1.0}, "push_m_s is -1.0"), ({"push_interval_s": 0.0}, "push_interval_s is 0.0"),
+        ({"dynamics": "wild"}, "dynamics is 'wild': known are nominal, student, or a mapping"),
+        ({"dynamics": {"gain": 2.0}}, "gain is 2.0: a share below 1"), ({"dynamics": {"mas": 0.1}}, "unknown key 'mas'"),
+    ):  # fmt: skip
+        with pytest.raises(InvalidConfig, match=message):
+            config(**changes)
+    assert config().dynamics == STUDENT_DYNAMICS
+    for changes in ({"push_m_s": 0.5}, {"dynamics": STUDENT_DYNAMICS}):
+        with pytest.raises(NotAvailable, match='plant="mujoco" alone'):
+            make_station(StationConfig(**changes), plant="drake")
