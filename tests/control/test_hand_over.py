@@ -94,7 +94,7 @@ def test_departures_begin_after_the_retreat():
         end = picked.expected.retreat[-1]
         yaw = 2 * np.arctan2(memory.reference[5], memory.reference[6])
         assert yaw == pytest.approx(departure.turn_rad, abs=1e-3)
-        np.testing.assert_array_equal(memory.reference[7:], end[7:])
+        np.testing.assert_allclose(memory.reference[7:], end[7:], atol=1e-9)
         assert np.linalg.norm(memory.reference[:2] - end[:2]) == pytest.approx(departure.back_m, abs=0.06)
 
 

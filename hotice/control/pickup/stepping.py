@@ -30,12 +30,12 @@ def begin(memory: PickupMemory, true: Terms, ref: Terms, load_kg: float, departu
 def go_on(memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> bool:
     """Moves reference and feet along the course; whether it is over."""
     course: Any = memory.course  # there since `begin`
-    body, motion.feet = course.body_at(elapsed), course.feet_at(elapsed)
-    motion.com_acc[:2] = body.acceleration
-    memory.air[:] = np.arange(2) == motion.feet.air
-    landed = motion.feet.landed
+    body, feet = course.body_at(elapsed), course.feet_at(elapsed)
+    motion.feet, motion.com_acc[:2] = feet, body.acceleration
+    memory.air[:] = np.arange(2) == feet.air
+    landed = feet.landed
     if landed >= 0 and m.foot_force_W is not None and np.linalg.norm(m.foot_force_W[landed]) < LANDED_N:
-        motion.feet.pose[landed, 2] -= SEARCH_M
+        feet.pose[landed, 2] -= SEARCH_M
         memory.air[landed] = True
     memory.reference = moved(memory.came_from, memory.com0, body.shift, body.turn_rad)
     return elapsed >= course.seconds
@@ -46,4 +46,5 @@ def moved(q: Array, com: Array, shift: Array, turn_rad: float) -> Array:
     turn, pivot = quat_from_yaw(turn_rad), np.array([*com, 0.0])
     root = quat_rotate(turn, q[:3] - pivot) + pivot
     root[:2] += shift
-    return np.concatenate([root, np.roll(quat_mul(turn, np.roll(q[3:7], 1)), -1), q[7:]])
+    quat = np.roll(quat_mul(turn, np.roll(q[3:7], 1)), -1)
+    return np.concatenate([root, quat, q[7:]], dtype=np.float64)
