@@ -21,7 +21,7 @@ SIGN = (1.0, -1.0)
 PALM_GAPS_M = {"box": (0.008,), "cylinder": (0.0005, 0.002, 0.004), "sphere": (0.004,)}
 """How far palm spheres may be off the surface, tried one after another: locked wrists cannot make palms perfectly flush.
 A cost does the rest; a cylinder would roll between palms of which only one pair of spheres touches. Large spheres slip where
-palms are demanded flush (trials 1 and 14 of `benchmarks.pickup --shape sphere --seed 1`): why is not known."""
+more is demanded (trial 1 of `benchmarks.pickup --shape sphere --seed 1`): why is not known."""
 
 
 class Demands:
@@ -53,8 +53,7 @@ class Demands:
                     SIGN[i] * np.sqrt(out**2 - aside**2),
                     np.inf,
                 )  # where the sphere touches in the middle of the side
-                if carried.shape != "sphere":
-                    ik.point(link, p_F, pose.p_WO + pose.R_WO @ [0.0, plane, 0.0], [0.0, weight, 0.0], pose.R_WO)
+                ik.point(link, p_F, pose.p_WO + pose.R_WO @ [0.0, plane, 0.0], [0.0, weight, 0.0], pose.R_WO)
                 if carried.shape == "box":
                     low, high = [-inf, plane - off_m, -inf], [inf, plane + off_m, inf]
                     ik.within(link, p_F, low, high, name, pose.p_WO, pose.R_WO)
