@@ -70,12 +70,12 @@ class PolicySystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
 
     def observation(self, context: Context) -> NDArray[np.float32]:
-        """What the policy would read now, (241,); rows as in `hotice.policies.observation.LAYOUT`."""
+        """What the policy would read now, (201,) or (241,); rows as in `hotice.policies.observation.layout_of`."""
         return self._observe(context, context.get_discrete_state(MEMORY).value())
 
     def _observe(self, context: Context, memory: Array) -> NDArray[np.float32]:
         percept, reading = Percept(self._percept.Eval(context)), FieldReading(self._guidance.Eval(context))
-        return observe(percept, reading, self._carrying, memory[ACTION], float(memory[PHASE]))
+        return observe(percept, reading, self._carrying, memory[ACTION], float(memory[PHASE]), self.task.scan)
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:

@@ -91,7 +91,8 @@ class Rehearsal:
             now = robot_state_of_mujoco(np.concatenate([data.qpos, data.qvel]), carry.wrist_pos)
             percept = sensing(self._percept_of(now[:NQ], now[NQ:]))
             reading = read_fields(self._pf, percept, task)
-            raw = self._station.policy.run(observe(percept, reading, carrying, action, phase)[None])[0].astype(float)
+            observation = observe(percept, reading, carrying, action, phase, self._station.task.scan)
+            raw = self._station.policy.run(observation[None])[0].astype(float)
             action = next_action(raw, task.action_limit)
             phase = (phase + 2.0 * math.pi * task.gait_hz * task.control_dt_s) % (2.0 * math.pi)
             target = carry.joint_target + task.action_scale * action

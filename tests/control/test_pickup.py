@@ -86,7 +86,9 @@ def test_plans_keep_their_promises(carried):
         now = frames_at(t, knot)
         np.testing.assert_allclose(now.R[0].T @ (now.p[1] - now.p[0]), apart, atol=0.003)
         turned = now.R[0].T @ now.R[1] @ relative.T
-        assert np.arccos(np.clip(0.5 * (np.trace(turned) - 1), -1, 1)) < np.radians(1.5)
+        assert np.arccos(np.clip(0.5 * (np.trace(turned) - 1), -1, 1)) < np.radians(
+            2.2
+        )  # an eased hold: 2.5 times 0.015 rad
     np.testing.assert_allclose(plan.retreat[0], plan.grasp)
     risen = frames_at(t, plan.retreat[plan.lift_knots]).p - hands.p
     np.testing.assert_allclose(risen.mean(axis=0), [0.0, 0.0, planner.rise_m], atol=0.003)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from hotice.sim.dynamics import DynamicsConfig
 
 from hotice.errors import CarryInfeasible, CheckpointError, InputError, InvalidConfig, UnknownName
 from hotice.learn import runner
@@ -20,6 +19,7 @@ from hotice.learn.policy import load_policy
 from hotice.learn.reproduce import ReproduceConfig, reproduce
 from hotice.learn.student_config import FinetuneConfig
 from hotice.learn.trials import Trials, TrialStore
+from hotice.model.dynamics import DynamicsConfig
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import load_scenes
 from hotice.sim import TaskConfig
