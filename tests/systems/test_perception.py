@@ -216,7 +216,7 @@ def test_station_equals_training(station, beam, carry):
     from hotice.learn.policy import load_policy
 
     bank = CarryBank.of([carry], 0.005, torch.device("cpu"), scene=beam)
-    quiet = TaskConfig(start_noise_m=0.0, start_yaw_noise_rad=0.0, joint_noise_rad=0.0)
+    quiet = TaskConfig(start_noise_m=0.0, start_yaw_noise_rad=0.0, joint_noise_rad=0.0, scan=True)
     env = TransportEnv(1, FieldBank.build([beam]), bank, seed=2, config=quiet, threads=1)
     obs, _ = env.reset()
     policy = load_policy("student")
