@@ -61,7 +61,7 @@ class PlainLoop:
             state = robot_state_of_mujoco(np.concatenate([data.qpos, data.qvel]), carry.wrist_pos)
             percept = self.percept(state[:43], state[43:])
             reading = read_fields(station.pf, percept, task)
-            observation = observe(percept, reading, self.carrying, action, phase)
+            observation = observe(percept, reading, self.carrying, action, phase, task.scan)
             action = next_action(station.policy.run(observation[None])[0].astype(float), task.action_limit)
             phase = (phase + step) % (2.0 * np.pi)
             target = carry.joint_target + self.scale * action
@@ -111,12 +111,13 @@ def environment(seconds: float) -> float:
     import torch
 
     from hotice.learn.policy import load_policy
-    from hotice.sim import TransportEnv
+    from hotice.sim import TaskConfig, TransportEnv
 
     torch.set_num_threads(1)
     config = StationConfig()
-    env = TransportEnv(1, [load_scene(config.scene)], config.carried, threads=1)
     policy = load_policy(config.policy, threads=1)
+    task = TaskConfig(scan=policy.meta["task"].get("scan", False))
+    env = TransportEnv(1, [load_scene(config.scene)], config.carried, threads=1, config=task)
     obs, _ = env.reset()
 
     def run(steps: int) -> None:
