@@ -48,11 +48,11 @@ class Carrying:
 
 
 def observe(
-    percept: Percept, reading: FieldReading, carrying: Carrying, action: Array, phase: float, scan: bool = False
+    percept: Percept, reading: FieldReading, carrying: Carrying, action: Array, phase: float, scan: bool
 ) -> NDArray[np.float32]:
     """Observation (201,), or (241,) with the local obstacle scan, for one step.
 
-    `action` (20,) is the last one, `phase` [rad] the step clock of the left leg.
+    `action` (20,) is the last one, `phase` [rad] the step clock of the left leg; `scan`: whether the policy reads the scan.
     """
     yaw = float(percept.yaw[0])
     cos, sin = math.cos(yaw), math.sin(yaw)

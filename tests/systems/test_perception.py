@@ -149,7 +149,7 @@ def test_policy(station, carry, robot_state):
     simulator = stepped(system, percept=percept.vector, guidance=reading.vector)
     action = np.zeros(20)
     for k in range(3):
-        observation = observe(percept, reading, Carrying.of(carry), action, k * 2 * np.pi * 1.4 * 0.02)
+        observation = observe(percept, reading, Carrying.of(carry), action, k * 2 * np.pi * 1.4 * 0.02, False)
         action = next_action(session.run(observation[None])[0].astype(float), 4.0)
         context = simulator.get_context()
         np.testing.assert_allclose(system.GetOutputPort("action").Eval(context), action, atol=1e-6)
