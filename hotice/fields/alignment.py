@@ -5,7 +5,6 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-ENCODED_CHANNELS = 4
 ENCODE_SCALE = 0.6
 """|F| at which the encoded magnitude is tanh(1) = 0.76: eta, the size of the attractive force alone (ours)."""
 

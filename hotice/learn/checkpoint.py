@@ -90,7 +90,19 @@ def read_meta(folder: Path) -> dict[str, Any]:
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         got = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
         raise CheckpointError(f"{folder / META}: checkpoint format is {got!r}: known is {FORMAT!r}")
+    _check_counters(folder / META, meta)
     return meta
+
+
+def _check_counters(path: Path, meta: dict[str, Any]) -> None:
+    """Raises `CheckpointError` for counters that no training can have reached."""
+    for name in ("update", "steps"):
+        value = meta.get(name, 0)
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
+            raise CheckpointError(f"{path}: {name} is {value!r}: an integer from 0 to 2^63 - 1 is needed")
+    minutes = meta.get("minutes", 0.0)
+    if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not 0 <= minutes < float("inf"):
+        raise CheckpointError(f"{path}: minutes is {minutes!r}: a finite number of at least 0 is needed")
 
 
 def load_checkpoint(path: Path, device: torch.device | str = "cpu") -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -73,6 +73,7 @@ def perturb(model: mujoco.MjModel, config: DynamicsConfig, rng: np.random.Genera
     torso, carried = model.body(g1.TORSO_BODY).id, model.body(builder.OBJECT_BODY).id
     scale = np.ones(model.nbody)
     scale[robot] = around(config.mass, len(robot))
+    _check_torso(config, float(model.body_mass[torso]))
     scale[torso] += config.torso_mass_kg * rng.uniform(-1.0, 1.0) / model.body_mass[torso]
     scale[carried] = around(config.payload)[()]
     out.body_mass[:] = model.body_mass * scale
@@ -97,3 +98,13 @@ def perturb(model: mujoco.MjModel, config: DynamicsConfig, rng: np.random.Genera
 def joint_offset(model: mujoco.MjModel) -> np.ndarray:
     """How much more than the truth the encoder of each actuated joint reads, (nu,) [rad]; the servo believes it too."""
     return -model.actuator_biasprm[:, 0] / model.actuator_gainprm[:, 0]
+
+
+def _check_torso(config: DynamicsConfig, nominal_kg: float) -> None:
+    """Raises `InvalidConfig` where a draw could leave the torso without mass."""
+    limit = (1.0 - config.mass) * nominal_kg
+    if config.torso_mass_kg >= limit:
+        raise InvalidConfig(
+            f"torso_mass_kg is {config.torso_mass_kg!r}: less than {limit:.3g} is needed, what a torso of "
+            f"{nominal_kg:.3g} kg keeps with mass {config.mass!r}"
+        )

@@ -71,7 +71,19 @@ def older(folder):
     (folder / META).write_text(json.dumps(meta | {"format": "hotice-checkpoint/0"}))
 
 
+def said(**values):
+    def damage(folder):
+        meta = json.loads((folder / META).read_text())
+        (folder / META).write_text(json.dumps(meta | values))
+
+    return damage
+
+
 DAMAGE = {
+    "steps is 1e\\+300": said(steps=1e300),
+    "steps is -1": said(steps=-1),
+    "update is True": said(update=True),
+    "minutes is inf": said(minutes=float("inf")),
     "truncated or changed": truncated,
     "SHA-256": tampered,
     "known is 'hotice-checkpoint/1'": older,

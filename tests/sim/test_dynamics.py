@@ -85,3 +85,10 @@ def test_a_bank_holds_another_robot_for_each_state(states):
 def test_impossible_spreads_are_refused(bad):
     with pytest.raises(InvalidConfig, match=next(iter(bad))):
         DynamicsConfig(**bad)
+
+
+def test_a_torso_without_mass_is_refused(model):
+    kg = float(model.body_mass[model.body(g1.TORSO_BODY).id])
+    drawn(model, torso_mass_kg=0.49 * kg, mass=0.5)
+    with pytest.raises(InvalidConfig, match=r"torso_mass_kg is .* less than"):
+        drawn(model, torso_mass_kg=0.51 * kg, mass=0.5)
