@@ -121,6 +121,9 @@ class TrainConfig:
     """Hidden layers of each critic."""
     init_std: tuple[float, float] = (0.6, 0.3)
     """First standard deviation of leg and arm actions."""
+    average: float = 0.98
+    """What is evaluated and exported is a running average of the weights: share of it that an update keeps, in the end (ours);
+    0: the newest weights."""
     ppo: PpoConfig = field(default_factory=PpoConfig)
     """Optimiser."""
     perturbed: bool = False
@@ -154,6 +157,8 @@ class TrainConfig:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: one or more sizes of at least 1 are needed")
         if not all(np.isfinite(s) and s > 0 for s in self.init_std):
             raise InvalidConfig(f"init_std is {self.init_std!r}: finite numbers above 0 are needed")
+        if not 0.0 <= self.average < 1.0:
+            raise InvalidConfig(f"average is {self.average!r}: a share from 0 to below 1 is needed")
         if self.perturbed:
             _check_students(self.task)
         get_preset(self.preset)

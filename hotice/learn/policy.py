@@ -13,6 +13,7 @@ from torch import Tensor
 
 from hotice.errors import CheckpointError, UnknownName
 from hotice.files import write_bytes
+from hotice.learn.average import averaged
 from hotice.learn.checkpoint import load_checkpoint
 from hotice.learn.health import check_tensors
 from hotice.learn.networks import ActorCritic
@@ -86,7 +87,10 @@ def load_policy(name_or_path: str | Path, threads: int = 0) -> Policy:
 
 
 def torch_policy(path: Path) -> TorchPolicy:
-    """The policy of a checkpoint. Raises `CheckpointError`, also for constants of its task that are missing or impossible."""
+    """The policy of a checkpoint: the average of its weights, where it has one.
+
+    Raises `CheckpointError`, also for constants of its task that are missing or impossible.
+    """
     tensors, meta = load_checkpoint(path)
     try:
         config = meta["config"]
@@ -96,7 +100,7 @@ def torch_policy(path: Path) -> TorchPolicy:
             get_preset(config["preset"]).agents, obs, critic, config["hidden"], config["critic_hidden"],
             tuple(config["init_std"]),
         )  # fmt: skip
-        weights = {k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")}
+        weights = {k.removeprefix("net."): v for k, v in averaged(tensors).items() if k.startswith("net.")}
         check_tensors(path, weights)
         net.load_state_dict(weights)
         described = policy_meta(meta)

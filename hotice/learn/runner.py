@@ -19,6 +19,7 @@ from torch import Tensor
 from hotice.errors import CheckpointError, OutputError
 from hotice.files import make_folder, write_text
 from hotice.learn import distributed
+from hotice.learn.average import AveragedPolicy, averaged
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, save_checkpoint
 from hotice.learn.config import TrainConfig
 from hotice.learn.curriculum import SceneCurriculum, Stages
@@ -66,6 +67,7 @@ class Runner:
         distributed.share(self.net)
         generator = torch.Generator(env.device).manual_seed(seed + 1)
         self.algo = self._make_learner(generator)
+        self.average = AveragedPolicy(self.net, config.average)
         self.rollout = Rollout(
             config.ppo.steps, env.num_envs, env.policy_table.size, env.critic_table.size, len(env.agents), env.device
         )
@@ -134,6 +136,7 @@ class Runner:
         self.algo.train_actors(self.update >= self.config.critic_updates)
         log = self.algo.update(self.rollout)
         self._observe_statistics()
+        self.average.update(self.net)
         self.update += 1
         check_network(self.net, self.update, self.config.out)
         steps = distributed.size() * self.env.num_envs * self.config.ppo.steps
@@ -201,6 +204,7 @@ class Runner:
         own |= {"reached": self.stats.reached, "touched": self.stats.touched}
         first, *others = distributed.collect(own)
         tensors = {f"net.{k}": v for k, v in self.net.state_dict().items()} | self.algo.state() | first
+        tensors |= self.average.state()
         tensors |= {f"rank{r}.{k}": v for r, other in enumerate(others, 1) for k, v in other.items()}
         tensors["curriculum"] = self.curriculum.rate
         tensors |= self.stages.state()
@@ -226,6 +230,8 @@ class Runner:
                 f"{path}: was trained by {kind_of(meta)!r}, not {self.algo.kind!r}: give another folder as out, or it as init"
             )
         self._load_net(path, tensors, meta)
+        self.average.restart(self.net)
+        self.average.load_state(tensors)
         self.algo.load_state(tensors, meta)
         self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
         self.stages.load_state(tensors)
@@ -246,13 +252,15 @@ class Runner:
     def load_learner(self, path: Path) -> None:
         """Takes networks and normalisers of another run, and its optimiser where that served the same objective.
 
+        The actors begin at their average, where the run kept one.
+
         Inputs that hardly varied in that run (the distance to obstacles on an open floor) get zero weights and an ordinary
         variance: the old skill stays what it was when they begin to vary. Rows that its observation did not have (the scan)
         begin with zero weights too.
         """
         tensors, meta = load_checkpoint(path, self.env.device)
         with _same_version(path):
-            tensors, meta = self._widened(tensors, meta)
+            tensors, meta = self._widened(averaged(tensors), meta)
             self._load_net(path, tensors, meta)
             if kind_of(meta) == self.algo.kind:
                 self.algo.load_optimizer(tensors, meta)
@@ -263,6 +271,7 @@ class Runner:
                 first = getattr(self.net.nets[agent.name], kind)[0]
                 with torch.no_grad():
                     first.weight[:, constant] = 0.0
+        self.average.restart(self.net)
 
     def _widened(self, tensors: dict[str, Tensor], meta: dict[str, Any]) -> tuple[dict[str, Tensor], dict[str, Any]]:
         """A checkpoint for this environment's observation, where that only adds rows to the checkpoint's."""

@@ -107,7 +107,7 @@ def test_init_takes_the_learner_but_not_the_counters(run, tiny, tmp_path):
     runner = Runner(tiny(tmp_path / "next", init=run, scenes=("gap",)))
     saved = newest(run)
     assert runner.update == 0 and runner.steps == 0
-    assert torch.equal(runner.net.nets["low"].log_std, saved["net.nets.low.log_std"])
+    assert torch.equal(runner.net.nets["low"].log_std, saved["average.nets.low.log_std"])
     index = next(k for k in saved if k.startswith("optimizer.") and k.endswith("exp_avg"))
     state = runner.algo.optimizer.state_dict()["state"][int(index.split(".")[1])]
     assert torch.equal(state["exp_avg"], saved[index])
