@@ -61,6 +61,9 @@ STUDENT_DYNAMICS = DynamicsConfig(
 )  # fmt: skip
 """What students are trained and evaluated under."""
 
+LEAST_PUSH = 0.1
+"""Of the largest push: the least (CAT: 0.1 of 1.0 m/s)."""
+
 
 def perturb(model: mujoco.MjModel, config: DynamicsConfig, rng: np.random.Generator) -> mujoco.MjModel:
     """A copy of a model of `build_model` with parameters drawn from `config`; the copy's layout is the same."""

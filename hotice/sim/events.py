@@ -8,6 +8,7 @@ from torch import Tensor
 
 from hotice.fields.bank import FieldBank
 from hotice.model import g1
+from hotice.model.dynamics import LEAST_PUSH
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.config import TaskConfig
 from hotice.sim.physics import Physics
@@ -108,13 +109,14 @@ def turn_about_root(qpos: Tensor, place: Tensor, object_q: int) -> Tensor:
 
 
 def push(physics: Physics, config: TaskConfig, generator: torch.Generator) -> None:
-    """Random horizontal change of the root velocity, on average every `push_interval_s`."""
+    """Random horizontal change of the root velocity, on average every `push_interval_s`: a tenth of `push_m_s` to all of it."""
     if config.push_m_s == 0.0:
         return
     n = physics.num_envs
     chance = config.control_dt_s / config.push_interval_s
     hit = torch.rand(n, generator=generator, device=physics.device) < chance
     angle = 2 * torch.pi * torch.rand(n, generator=generator, device=physics.device)
-    size = config.push_m_s * torch.rand(n, generator=generator, device=physics.device) * hit
+    share = LEAST_PUSH + (1.0 - LEAST_PUSH) * torch.rand(n, generator=generator, device=physics.device)
+    size = config.push_m_s * share * hit
     physics.qvel[:, 0] += (size * torch.cos(angle)).to(physics.qvel.dtype)
     physics.qvel[:, 1] += (size * torch.sin(angle)).to(physics.qvel.dtype)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, LeafSystem, State
 
 from hotice.errors import InvalidStation
+from hotice.model.dynamics import LEAST_PUSH
 
 Array = NDArray[np.float64]
 PUSH = 3
@@ -19,12 +20,14 @@ NOW_S = 1e-9
 
 
 def draw_push(size_m_s: float, chance: float, seed: int, count: int) -> Array:
-    """Change of velocity (2,) [m/s] in W at control step `count`: with probability `chance`, of up to `size_m_s`, any direction.
+    """Change of velocity (2,) [m/s] in W at control step `count`, any direction.
+
+    With probability `chance`; of a tenth of `size_m_s` to all of it.
 
     The one-robot twin of `hotice.sim.events.push`, from random numbers that `seed` and `count` alone determine.
     """
     hit, angle, size = np.random.Generator(np.random.Philox(key=seed, counter=[1, 0, 0, count + 1])).random(3)
-    size *= size_m_s * (hit < chance)
+    size = size_m_s * (LEAST_PUSH + (1.0 - LEAST_PUSH) * size) * (hit < chance)
     return size * np.array([np.cos(2.0 * np.pi * angle), np.sin(2.0 * np.pi * angle)])
 
 

@@ -52,8 +52,8 @@ class StationConfig:
     student or a mapping."""
     push_m_s: float = 0.0
     """Largest push, a sudden change of the pelvis' velocity (MuJoCo plant; students: 1.0); 0: none."""
-    push_interval_s: float = 5.0
-    """Mean time between pushes."""
+    push_interval_s: float = 7.5
+    """Mean time between pushes (the evaluation's)."""
     seed: int = 0
     """Of the sensors' noise and delays, of dynamics and pushes."""
     elliptic: bool = False

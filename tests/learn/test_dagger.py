@@ -7,6 +7,7 @@ from hotice.errors import CheckpointError, InvalidConfig
 from hotice.learn.checkpoint import load_checkpoint
 from hotice.learn.dagger import DistillRunner
 from hotice.learn.labels import Labels, ReplayBuffer
+from hotice.learn.policy import torch_policy
 from hotice.learn.runner import Runner
 from hotice.learn.student_config import DistillConfig
 
@@ -24,8 +25,7 @@ def student(tiny, run):
 
 def test_a_student_that_is_its_teacher_in_an_exact_world_has_nothing_to_learn(student, run, tmp_path):
     runner = DistillRunner(student(tmp_path, perturbed=False))
-    saved = load_checkpoint(run)[0]
-    runner.net.load_state_dict({k.removeprefix("net."): v for k, v in saved.items() if k.startswith("net.")})
+    runner.net.load_state_dict(torch_policy(run).net.state_dict())
     runner.collect()
     assert torch.equal(runner.sensed, runner.truth)
     labels = next(runner.algo.labels.minibatches(1, torch.Generator().manual_seed(0)))

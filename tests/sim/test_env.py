@@ -175,7 +175,7 @@ def test_pushes_change_the_velocity_of_the_root_within_their_size(make_env):
 
     push(env.physics, env.config, env.generator)
     size = env.physics.qvel[:, :2].norm(dim=1)
-    assert 0.5 < size.max() <= 0.7 and (env.physics.qvel[:, 2:] == 0).all()
+    assert 0.5 < size.max() <= 0.7 and size.min() >= 0.069 and (env.physics.qvel[:, 2:] == 0).all()
     calm = dataclasses.replace(env.config, push_m_s=0.0)
     before = env.physics.qvel.clone()
     push(env.physics, calm, env.generator)
