@@ -27,6 +27,7 @@ EDGE_DEPTH_M = 0.0175
 EDGE_RADIUS_M = float(np.sqrt(2.0)) * EDGE_DEPTH_M
 THIN_M = 0.03
 """Spheres, capsules and boxes of the robot up to this radius or half thickness get a skin."""
+LEGS = ("hip_pitch_link", "hip_roll_link", "hip_yaw_link", "knee_link", "ankle_pitch_link", "ankle_roll_link")
 GRID_M, BAR_M = 0.04, 0.02
 """Grid of the distances, and radius of the thin bars that the skin is for."""
 
@@ -141,6 +142,16 @@ def robot_spheres(model: mujoco.MjModel, device: torch.device) -> Spheres:
         frame=torch.tensor(body, dtype=torch.int64, device=device),
         centre=torch.tensor(centre, dtype=torch.float32, device=device)[None],
         radius=torch.tensor(radius, dtype=torch.float32, device=device)[None],
+    )
+
+
+def upper_spheres(model: mujoco.MjModel, device: torch.device) -> Spheres:
+    """Those of trunk, head and arms."""
+    whole = robot_spheres(model, device)
+    upper = [not model.body(int(b)).name.endswith(LEGS) for b in whole.frame]
+    keep = torch.tensor(upper, device=device)
+    return Spheres(
+        frame=whole.frame[keep], centre=whole.centre[:, keep].contiguous(), radius=whole.radius[:, keep].contiguous()
     )
 
 

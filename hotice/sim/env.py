@@ -15,6 +15,7 @@ from torch import Tensor
 
 from hotice.errors import InvalidConfig
 from hotice.fields.bank import FieldBank
+from hotice.fields.clearance import Spheres
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim import cover
@@ -28,7 +29,7 @@ from hotice.sim.physics import make_physics
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
 from hotice.sim.scan import scan_points
 from hotice.sim.sensing import KNOWN_ROWS, Sensors
-from hotice.sim.snapshot import NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
+from hotice.sim.snapshot import LOOK_AHEAD_S, NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
 from hotice.sim.terminations import OUTCOMES, TERMINATIONS
 
 TOUCH_HEIGHT_M = 0.012
@@ -124,6 +125,7 @@ class TransportEnv:
         self.physics = make_physics(physics, self.carry.models, num_envs, self.device, threads)
         self.layout = Layout(self.carry.models[0], self.device)
         self.robot_cover = cover.robot_spheres(self.carry.models[0], self.device)
+        self.upper_cover = cover.upper_spheres(self.carry.models[0], self.device)
         self.object_cover = cover.object_spheres(self.carry.cover_centre, self.carry.cover_radius, self.layout.object)
         self.starter = Starter(cfg, self.bank, self.carry, self.layout, self.device)
         self.rewards = RewardTable(REWARDS, self.agents, cfg.control_dt_s)
@@ -305,7 +307,10 @@ class TransportEnv:
         scene, model = m.scene[rows], m.model[rows]
         grasp = pick(self.carry.grasp, model)
         motion, xpos, xmat = read_motion(self.physics, self.layout, grasp, ids)
-        robot_gap, object_gap = self._clearances(xpos, xmat, scene, model)
+        guidance = self._guide(motion, rows)
+        robot_gap, object_gap = self._clearances(xpos, xmat, scene, model, self.robot_cover)
+        ahead = xpos + LOOK_AHEAD_S * torch.nn.functional.pad(guidance["c_W"][:, :2], (0, 1))[:, None]
+        gap_ahead = torch.minimum(*self._clearances(ahead, xmat, scene, model, self.upper_cover))
         if self.physics.hits is None:
             robot_hit, object_hit = robot_gap < -cfg.tolerance_m, object_gap < -cfg.tolerance_m
         else:
@@ -314,7 +319,7 @@ class TransportEnv:
         touch = torch.minimum(ends[:, :2], ends[:, 2:]) < TOUCH_HEIGHT_M
         wave = torch.sin(torch.stack([m.phase[rows], m.phase[rows] + torch.pi], dim=1))
         return Snapshot(
-            **vars(motion), **self._guide(motion, rows), clearance=robot_gap, object_clearance=object_gap,
+            **vars(motion), **guidance, clearance=robot_gap, object_clearance=object_gap, clearance_ahead=gap_ahead,
             robot_hit=robot_hit, object_hit=object_hit, touch=touch,
             swing=cfg.swing_height_m * torch.clamp(wave, min=0.0), stance=wave < 0.2, action=m.action[rows],
             last_action=m.last_action[rows], phase=m.phase[rows],
@@ -345,12 +350,14 @@ class TransportEnv:
             return motion.yaw.new_empty(len(motion.yaw), 0)
         return self.bank.signed_distance(scene, scan_points(motion))
 
-    def _clearances(self, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
-        """Smallest gap between cover spheres and obstacles, robot and object, (N,) each, from the frames of all bodies."""
+    def _clearances(
+        self, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor, robot: Spheres
+    ) -> tuple[Tensor, Tensor]:
+        """Smallest gap between cover spheres and obstacles, `robot` and object, (N,) each, from the frames of all bodies."""
         if not self.has_obstacles:
             far = torch.full((len(xpos),), CLEAR_M, device=self.device)
             return far, far.clone()
         return (
-            self.bank.lowest_clearance(scene, xpos, xmat, self.robot_cover, torch.zeros_like(model)),
+            self.bank.lowest_clearance(scene, xpos, xmat, robot, torch.zeros_like(model)),
             self.bank.lowest_clearance(scene, xpos, xmat, self.object_cover, model),
         )

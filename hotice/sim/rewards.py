@@ -40,6 +40,7 @@ REWARDS: tuple[Reward, ...] = (
     Reward("ogf_object", S, 0.25, terms.ogf_object, "paper IV-A"),
     Reward("object_lift", S, 0.5, terms.object_lift, "paper IV-B"),
     Reward("clearance", S, -2.0, terms.clearance, "ours"),
+    Reward("clearance_ahead", S, -1.0, terms.clearance_ahead, "ours"),
     # L: locomotion and balance
     Reward("progress", L, 5.0, terms.progress, "ours"),
     Reward("arrival", L, 2.0, terms.arrival, "paper V-A"),

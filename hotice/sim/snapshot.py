@@ -23,6 +23,8 @@ FOOT_ENDS = slice(NUM_SGF + 2, NUM_SGF + 6)
 TOES, HEELS = slice(NUM_SGF + 2, NUM_SGF + 4), slice(NUM_SGF + 4, NUM_SGF + 6)
 STEERED = tuple(g1.SGF_KEYPOINTS.index(k) for k in g1.STEERED_KEYPOINTS)
 HEAD, PELVIS = g1.SGF_KEYPOINTS.index("head"), g1.SGF_KEYPOINTS.index("pelvis")
+LOOK_AHEAD_S = 0.35
+"""A quarter of a metre at the commanded speed: time to crouch or to turn aside."""
 FEET = tuple(g1.SGF_KEYPOINTS.index(k) for k in ("left_foot", "right_foot"))
 
 
@@ -118,9 +120,10 @@ class Snapshot(Motion):
     `sgf` holds the Standard Guidance Field at the nine robot keypoints; `ogf` the field of hands and object at
     (left hand, right hand, eight object keypoints). `c_W` (N, 3) is the navigation command c; its horizontal part has the
     commanded speed. `touch` (N, 2): soles on the floor.
-    `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `robot_hit` and `object_hit` (N,) bool:
-    collisions, from the cover in training and from exact geometry in evaluation. `scan` (N, 40): signed distances at the points
-    of `hotice.model.scan` [m], or (N, 0) where the task has none.
+    `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `clearance_ahead` (N,): the same of
+    upper body and object together, where they will be after `LOOK_AHEAD_S` at the commanded velocity. `robot_hit` and
+    `object_hit` (N,) bool: collisions, from the cover in training and from exact geometry in evaluation. `scan` (N, 40):
+    signed distances at the points of `hotice.model.scan` [m], or (N, 0) where the task has none.
     """
 
     sgf: FieldSample
@@ -133,6 +136,7 @@ class Snapshot(Motion):
     scan: Tensor
     clearance: Tensor
     object_clearance: Tensor
+    clearance_ahead: Tensor
     robot_hit: Tensor
     object_hit: Tensor
     touch: Tensor

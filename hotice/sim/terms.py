@@ -70,6 +70,15 @@ def clearance(s: Snapshot) -> Tensor:
     return _intrusion(s.clearance) + _intrusion(s.object_clearance)
 
 
+def clearance_ahead(s: Snapshot) -> Tensor:
+    """How far upper body and object, moved on as commanded, would intrude into the last 5 cm before an obstacle, and into it.
+
+    0 to 4, 20 cm deep. Whether a body passes a beam or a table edge shows only when it is there: this tells on the way how
+    much lower or farther aside it has to be.
+    """
+    return torch.clamp(1.0 - s.clearance_ahead / 0.05, 0.0, 4.0)
+
+
 def _intrusion(distance: Tensor) -> Tensor:
     return torch.clamp(1.0 - distance / 0.05, 0.0, 2.0)
 

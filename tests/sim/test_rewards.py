@@ -183,6 +183,10 @@ def feet_down(left, right):
 SIGNS = {
     # name: (better, worse): changes of the walking snapshot between which the weighted term must fall
     "object_lift": (plus("p_WO", (2,), 0.0), plus("p_WO", (2,), -0.08)),
+    "clearance_ahead": (
+        lambda s: {"clearance_ahead": torch.full((8,), -0.05)},
+        lambda s: {"clearance_ahead": torch.full((8,), -0.10)},
+    ),
     "clearance": (lambda s: {"clearance": torch.full((8,), 0.06)}, lambda s: {"clearance": torch.full((8,), 0.01)}),
     "arrival": (
         lambda s: {"goal_distance": torch.full((8,), 0.05)},

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 import torch
 
-from hotice.model import g1
-from hotice.sim.snapshot import POINTS
+from hotice.fields.bank import FieldBank
+from hotice.model import g1, load_scenes
+from hotice.sim.snapshot import LOOK_AHEAD_S, POINTS
 
 
 def plain(env, i):
@@ -141,3 +142,30 @@ def test_a_push_is_in_every_velocity_of_the_same_snapshot(make_env):
     s = env.snapshot()
     assert (s.v_WP[:, :2].norm(dim=1) > 0.05).all()
     torch.testing.assert_close(s.v_WK[:, POINTS.index("pelvis")], s.v_WP, atol=1e-5, rtol=0)
+
+
+def test_what_lies_ahead_is_met_by_upper_body_and_object_moved_on_with_the_command(make_env):
+    bank = FieldBank.build(load_scenes(["gap", "beam"]))
+    env = make_env(4, bank=bank)
+    env.reset()
+    env.memory.scene[:] = torch.tensor([0, 0, 1, 1])
+    s = env.snapshot()
+    assert (s.c_W[:, :2].norm(dim=1) > 0.3).all()
+    scene, model = env.memory.scene, env.memory.model
+    xpos, xmat = env.physics.xpos.float(), env.physics.xmat.float().view(4, -1, 3, 3)
+    xpos = xpos + LOOK_AHEAD_S * (s.c_W * torch.tensor([1.0, 1.0, 0.0]))[:, None]
+
+    def gap(cover, variant):
+        centre = xpos[:, cover.frame] + (xmat[:, cover.frame] @ cover.centre[variant][..., None]).squeeze(-1)
+        return (bank.signed_distance(scene, centre) - cover.radius[variant]).amin(dim=1)
+
+    want = torch.minimum(gap(env.upper_cover, torch.zeros_like(model)), gap(env.object_cover, model))
+    torch.testing.assert_close(s.clearance_ahead, want, atol=1e-5, rtol=0)
+    assert (s.clearance_ahead < s.clearance).all()
+
+
+def test_feet_are_no_part_of_what_lies_ahead(env):
+    model = env.carry.models[0]
+    names = {model.body(int(b)).name for b in env.upper_cover.frame}
+    assert {"pelvis", "torso_link", "left_elbow_link"} <= names
+    assert not {n for n in names if "knee" in n or "ankle" in n or "hip" in n}
