@@ -11,50 +11,28 @@ does, and at the horizon. The state is exact: no noise, delays or pushes.
 from __future__ import annotations
 
 import argparse
-import time
 import warnings
-from dataclasses import dataclass
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from hotice.control.plant import TorquePlant
-from hotice.control.walk import WalkConfig, WalkController, plan_walk
+from hotice.control.walk import WalkConfig
 from hotice.errors import HoticeError
-from hotice.fields import HodPf, build_hod_pf
+from hotice.fields import build_hod_pf
 from hotice.learn.scene_sets import resolve_scenes
 from hotice.learn.trials import Trials
+from hotice.learn.walk_trials import GOAL_M, PAPER_S, Trial, run_trial
 from hotice.learn.wilson import wilson
-from hotice.model import builder, g1
+from hotice.model import builder
 from hotice.model.carry import CarryState, solve_carry
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Scene
 
-PAPER_S = 5.0
-GOAL_M = 0.1
-PHYSICS_S = 0.005
+PHYSICS_S, FINE_S = 0.005, 0.002
 SETTLED_S = 1.0
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Outcome, its time [s], root to goal then and at 5 s [m], faults and step time of the controller, planned clearance [m]."""
-
-    outcome: str
-    time_s: float
-    distance_m: float
-    distance_5s_m: float
-    faults: int
-    step_ms: float
-    clearance_m: float
-
-    def at(self, horizon_s: float) -> tuple[str, float, float]:
-        """Outcome, distance and time had the trial ended at `horizon_s`."""
-        if self.time_s <= horizon_s:
-            return self.outcome, self.distance_m, self.time_s
-        return "timeout", self.distance_5s_m, horizon_s
 
 
 def start_qpos(state: CarryState, scene: Scene, rng: np.random.Generator) -> np.ndarray:
@@ -74,94 +52,13 @@ def start_qpos(state: CarryState, scene: Scene, rng: np.random.Generator) -> np.
     return qpos
 
 
-def ankles(plant: TorquePlant) -> tuple[float, float, float]:
-    """Middle between the ankles and heading of the pelvis."""
-    feet = [plant.data.body(f"{s}_ankle_roll_link").xpos[:2] for s in g1.SIDES]
-    R = plant.data.body("pelvis").xmat.reshape(3, 3)
-    x, y = np.mean(feet, axis=0)
-    return float(x), float(y), float(np.arctan2(R[1, 0], R[0, 0]))
-
-
-def run_trial(
-    scene: Scene, pf: HodPf, state: CarryState, config: WalkConfig, seed: int, horizon_s: float, *, elliptic: bool = False,
-    stay_s: float = 0.0, log: list | None = None,
-) -> Trial:  # fmt: skip
-    """One trial; it ends at success (after `stay_s` more without failure), failure or the horizon."""
-    rng = np.random.default_rng(seed)
-    dt = 0.002 if elliptic else PHYSICS_S
-    model = builder.build_model(state.carried, scene, wrist_pos=state.wrist_pos, timestep_s=dt, elliptic=elliptic)
+def standing(scene: Scene, state: CarryState, seed: int, fine: bool) -> TorquePlant:
+    """Robot, object and obstacles at a start drawn with a seed of its own."""
+    dt = FINE_S if fine else PHYSICS_S
+    model = builder.build_model(state.carried, scene, wrist_pos=state.wrist_pos, timestep_s=dt, elliptic=fine)
     plant = TorquePlant(model)
-    plant.reset(start_qpos(state, scene, rng))
-    goal = np.array(scene.goal[:2])
-    first = plant.measure()
-    distance = distance_5s = float(np.linalg.norm(first.p_WP[:2] - goal))
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            plan = plan_walk(pf, state, ankles(plant), config, first_foot=seed % 2)
-    except HoticeError:
-        return Trial("no_plan", 0.0, distance, distance, 0, 0.0, 0.0)
-    controller = WalkController(plan, state, config)
-    memory = controller.start(first)
-    hands = [model.site(f"{s}_hand").id for s in g1.SIDES]
-    substeps = round(1.0 / controller.rate_hz / dt)
-    spent, count, faults, reached_s, outcome = 0.0, 0, 0, np.inf, "timeout"
-    hits = has_hits(plant)
-    while plant.data.time < horizon_s - 1e-9:
-        measurement = plant.measure()
-        begin = time.perf_counter()
-        command, memory = controller.step(memory, measurement)
-        spent, count, faults = spent + time.perf_counter() - begin, count + 1, command.faults
-        touched = None
-        for _ in range(substeps):
-            plant.step(command.torque)
-            touched = touched or (hits() if hits else None)
-        if log is not None:
-            log.append((plant.data.time, plant.data.qpos.copy(), memory))
-        root = plant.data.qpos[:3]
-        if not np.isfinite(reached_s):
-            distance = float(np.linalg.norm(root[:2] - goal))
-        if plant.data.time <= PAPER_S + 1e-9:
-            distance_5s = float(np.linalg.norm(root[:2] - goal))
-        failed = failure(plant, hands) or touched
-        if failed:
-            return Trial(
-                failed, plant.data.time, distance, distance_5s, faults, 1e3 * spent / count, plan.profile.clearance_m
-            )
-        if not np.isfinite(reached_s) and distance < GOAL_M:
-            reached_s, outcome = plant.data.time, "success"
-        if plant.data.time >= reached_s + stay_s:
-            break
-    end = reached_s if np.isfinite(reached_s) else plant.data.time
-    return Trial(outcome, end, distance, distance_5s, faults, 1e3 * spent / count, plan.profile.clearance_m)
-
-
-def failure(plant: TorquePlant, hands: list[int]) -> str | None:
-    """Fall or drop, by the conditions of the task (`hotice.sim.terminations`)."""
-    data = plant.data
-    if not np.isfinite(data.qpos).all():
-        return "unstable"
-    R = data.body("pelvis").xmat.reshape(3, 3)
-    if data.qpos[2] < 0.35 or R[2, 2] < 0.5:
-        return "fall"
-    box = data.qpos[27:30]
-    if np.linalg.norm(box - data.site_xpos[hands].mean(axis=0)) > 0.15 or box[2] < 0.25:
-        return "drop"
-    return None
-
-
-def has_hits(plant: TorquePlant):
-    """Reads the contact sensors of exact collision scoring, where the scene has obstacles."""
-    sensors = [i for i in range(plant.model.nsensor) if plant.model.sensor(i).name in builder.HIT_SENSORS]
-    if not sensors:
-        return None
-    at = [int(plant.model.sensor(name).adr[0]) for name in builder.HIT_SENSORS]
-
-    def hits() -> str | None:
-        robot, load = plant.data.sensordata[at] > 0
-        return "robot_collision" if robot else "object_collision" if load else None
-
-    return hits
+    plant.reset(start_qpos(state, scene, np.random.default_rng(seed)))
+    return plant
 
 
 def category(name: str) -> str:
@@ -194,10 +91,11 @@ def main() -> None:
                 pf = build_hod_pf(scene)
             trials = []
             for i in range(rollouts):
-                trial = run_trial(
-                    scene, pf, states[i], config, args.seed + i, args.horizon, elliptic=args.fine, stay_s=stay
+                seed = args.seed + i
+                plant = standing(scene, states[i], seed, args.fine)
+                trials.append(
+                    run_trial(plant, scene, pf, states[i], config, args.horizon, first_foot=seed % 2, stay_s=stay)
                 )
-                trials.append(trial)
             results[scene.name] = trials
             causes = {o: [t.outcome for t in trials].count(o) for o in sorted({t.outcome for t in trials})}
             console.print(f"{scene.name}: {causes}", highlight=False)

@@ -28,7 +28,7 @@ def _view(array: np.ndarray) -> Tensor:
 
 
 @contextlib.contextmanager
-def _unlogged() -> Iterator[None]:
+def unlogged() -> Iterator[None]:
     """MuJoCo's warnings are neither printed nor written to MUJOCO_LOG.TXT: the task finds and counts diverged states."""
     before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
     quiet.logto_file = quiet.logto_console = False
@@ -95,7 +95,7 @@ class MujocoBatch:
     def _step(self, substeps: int, stage: mujoco.mjtStage) -> None:
         """Steps, then computes stages of the new state; contact sensors are current from `mjSTAGE_ACC` on."""
         try:
-            with _unlogged():
+            with unlogged():
                 ids = None if self.only is None else self.only.to(torch.int32).numpy()
                 self.batch.step(ids=ids, nstep=substeps, stage=stage)
         except mujoco.batch.SimulationError as error:  # those rows keep their state: mark them, the task ends them
