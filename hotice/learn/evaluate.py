@@ -1,11 +1,12 @@
-"""Scoring a policy: success rate and mean distance, with exact collision geometry (paper, V-A).
+"""Scoring a policy or the walking baseline: success rate and mean distance, with exact collision geometry (paper, V-A).
 
 A trial ends at success, at a failure, or after 5 s. Success: the root comes within 0.1 m (horizontally) of the goal before
 any fall, drop or collision of robot or object. Mean distance: root to goal at the end of each trial, averaged.
 Every link of the robot and the object are tested against every obstacle geometry in the simulator, in every physics step.
 
-The unit of work is a block: up to `batch` trials of one scene, simulated side by side on one thread, with random numbers of
-its own. Blocks are shared out to processes; results depend neither on their number nor on interruptions.
+The unit of work is a block: up to `batch` trials of one scene, simulated on one thread, a policy's side by side, with random
+numbers of its own: the same objects and starts whoever carries. Blocks are shared out to processes; results depend neither on
+their number nor on interruptions.
 """
 
 from __future__ import annotations
@@ -16,15 +17,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
 
-from hotice.errors import InvalidConfig
+from hotice.control.walk.config import WalkConfig
+from hotice.errors import InvalidConfig, UnknownName
 from hotice.fields.bank import FieldBank
 from hotice.files import check_writable, write_text
-from hotice.learn.policy import Policy, check_layout, load_policy
+from hotice.learn.carriers import CONTROLLERS, Carrier, digest, load_carrier
+from hotice.learn.policy import Policy, check_layout
 from hotice.learn.report import make_report, print_report
 from hotice.learn.trials import Trials, TrialStore
 from hotice.learn.version import source_version
@@ -42,14 +45,18 @@ from hotice.sim.terminations import OUTCOMES
 from hotice.sim.threads import one_thread
 
 CPU = torch.device("cpu")
+LONGEST_S = 120.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateConfig:
     """One evaluation."""
 
-    policy: str
-    """Shipped policy by name, .onnx file, checkpoint folder or run."""
+    policy: str | None = None
+    """Shipped policy by name, .onnx file, checkpoint folder or run; needed with, and only with, `policy` as the controller."""
+    controller: Literal["policy", "walk"] = "policy"
+    """Who carries: a policy, or the model-based walking baseline, which reads the exact state (needs --no-perturbed, and the
+    packages of the extra `drake`)."""
     scenes: tuple[str, ...]
     """Scene names, sets (bench20, unseen50), files, folders, or families as `family:NAME:COUNT`."""
     rollouts: int = 100
@@ -60,7 +67,7 @@ class EvaluateConfig:
     """Report file (JSON); none: only print. What is done is kept in the folder OUT.trials beside it, and an evaluation of the
     same policy, scenes and settings goes on from there."""
     batch: int = 250
-    """Trials simulated side by side by one process."""
+    """Trials that one process takes at a time: a policy's are simulated side by side."""
     threads: int = 0
     """Processes, each on one core; 0: one for each core."""
     fine: bool = False
@@ -77,8 +84,13 @@ class EvaluateConfig:
     """Lightest and heaviest object."""
     objects: int = 32
     """Different objects, shared by all scenes."""
+    horizon_s: float = 5.0
+    """Time limit of a trial (paper: 5 s)."""
 
     def __post_init__(self) -> None:
+        self._check_carrier()
+        if not 0.02 <= self.horizon_s <= LONGEST_S:  # also false for NaN
+            raise InvalidConfig(f"horizon_s is {self.horizon_s!r}: 0.02 (a control step) to {LONGEST_S:g} are allowed")
         for name in ("rollouts", "batch", "objects"):
             if getattr(self, name) < 1:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
@@ -93,9 +105,29 @@ class EvaluateConfig:
                 f"without is {', '.join(self.without)}: nothing is left to switch off with --no-perturbed"
             )
 
+    def _check_carrier(self) -> None:
+        if self.controller not in CONTROLLERS:
+            raise UnknownName("controller", self.controller, CONTROLLERS)
+        if self.controller == "policy" and self.policy is None:
+            raise InvalidConfig("no policy: give one as --policy NAME or PATH, or --controller walk")
+        if self.controller == "walk" and self.policy is not None:
+            raise InvalidConfig(
+                f"policy is {self.policy!r} and controller is 'walk', which has no policy: leave out one of the two"
+            )
+        if self.controller == "walk" and self.perturbed:
+            raise InvalidConfig(
+                "perturbed is True: the walking baseline reads the exact state, it is not evaluated under noise, delays and "
+                "pushes: give --no-perturbed, also to the policies that it is compared with"
+            )
+
 
 def evaluation_task(
-    task: dict[str, Any], *, fine: bool = False, perturbed: bool = False, without: Sequence[str] = ()
+    task: dict[str, Any],
+    *,
+    fine: bool = False,
+    perturbed: bool = False,
+    without: Sequence[str] = (),
+    horizon_s: float = 5.0,
 ) -> TaskConfig:
     """The task a policy was trained on, with the paper's trial: 5 s, from the scene's start, over at the goal.
 
@@ -111,28 +143,41 @@ def evaluation_task(
         values |= {"physics_dt_s": 0.002, "substeps": 10}
     known = switch_off(known.perturbed() if perturbed else known, without)
     return replace(
-        known, **values, episode_s=5.0, goal_radius_m=0.1, anywhere=0.0, end_at_goal=True, collisions=True,
+        known, **values, episode_s=horizon_s, goal_radius_m=0.1, anywhere=0.0, end_at_goal=True, collisions=True,
         start_noise_m=0.03, start_yaw_noise_rad=0.1,
     )  # fmt: skip
 
 
-def score_block(
-    policy: Policy, scene: Scene, states: Sequence[CarryState], rollouts: int, seed: int, *, first: int = 0,
-    fine: bool = False, perturbed: bool = True, without: Sequence[str] = (),
-    on_trials: Callable[[int], None] | None = None,
-) -> Trials:  # fmt: skip
-    """Runs trials `first` .. `first + rollouts` of a scene side by side; every carry state is used in turn.
+def start_trials(
+    scene: Scene, states: Sequence[CarryState], rollouts: int, seed: int, config: TaskConfig, *, first: int = 0,
+    fine: bool = False, preset: str = "dual_hodpf",
+) -> TransportEnv:  # fmt: skip
+    """Trials `first` .. `first + rollouts` of a scene, to be started by `reset`; every carry state is used in turn.
 
-    `on_trials(n)` is called when n more trials have ended. Raises `CheckpointError` for a policy of another observation.
+    Objects and starts depend on the seed alone, not on who carries.
     """
-    config = evaluation_task(policy.meta["task"], fine=fine, perturbed=perturbed, without=without)
     bank = _fields(scene, config.resolution_m, config.margin_m)
     carry = CarryBank.of(
         states, config.physics_dt_s, CPU, scene=scene, elliptic=fine, dynamics=config.dynamics, seed=seed
     )
-    env = TransportEnv(rollouts, bank, carry, policy.meta["preset"], seed=seed, config=config, threads=1)
-    check_layout(policy, env.policy_table.layout())
+    env = TransportEnv(rollouts, bank, carry, preset, seed=seed, config=config, threads=1)
     env.memory.model[:] = (torch.arange(rollouts) + first) % len(states)
+    return env
+
+
+def score_block(
+    policy: Policy, scene: Scene, states: Sequence[CarryState], rollouts: int, seed: int, *, first: int = 0,
+    fine: bool = False, perturbed: bool = True, without: Sequence[str] = (), horizon_s: float = 5.0,
+    on_trials: Callable[[int], None] | None = None,
+) -> Trials:  # fmt: skip
+    """Runs a policy in trials `first` .. `first + rollouts` of a scene side by side, see `start_trials`.
+
+    `on_trials(n)` is called when n more trials have ended. Raises `CheckpointError` for a policy of another observation.
+    """
+    meta = policy.meta
+    config = evaluation_task(meta["task"], fine=fine, perturbed=perturbed, without=without, horizon_s=horizon_s)
+    env = start_trials(scene, states, rollouts, seed, config, first=first, fine=fine, preset=meta["preset"])
+    check_layout(policy, env.policy_table.layout())
     obs, _ = env.reset()
     outcome, steps = (torch.zeros(rollouts, dtype=torch.int64) for _ in range(2))
     distance_m = torch.zeros(rollouts)
@@ -198,21 +243,29 @@ class Scorer:
         """Trials of a block."""
         return min(self.config.batch, self.config.rollouts - block * self.config.batch)
 
-    def score(self, policy: Policy, scene: int, block: int, on_trials: Callable[[int], None] | None = None) -> Trials:
+    def score(self, carrier: Carrier, scene: int, block: int, on_trials: Callable[[int], None] | None = None) -> Trials:
         """Runs a block on one thread."""
+        cfg, first = self.config, block * self.config.batch
+        which = (self.scenes[scene], self.states, self.size(block), block_seed(cfg.seed, block))
         with one_thread():
+            if isinstance(carrier, WalkConfig):
+                from hotice.learn.walk_trials import score_walks
+
+                task = evaluation_task({}, fine=cfg.fine, horizon_s=cfg.horizon_s)
+                env = start_trials(*which, task, first=first, fine=cfg.fine)
+                env.reset()
+                return score_walks(carrier, env, first=first, on_trials=on_trials)
             return score_block(
-                policy, self.scenes[scene], self.states, self.size(block), block_seed(self.config.seed, block),
-                first=block * self.config.batch, fine=self.config.fine, perturbed=self.config.perturbed,
-                without=self.config.without, on_trials=on_trials,
+                carrier, *which, first=first, fine=cfg.fine, perturbed=cfg.perturbed, without=cfg.without,
+                horizon_s=cfg.horizon_s, on_trials=on_trials,
             )  # fmt: skip
 
-    def settings(self, policy: Policy) -> dict[str, Any]:
+    def settings(self, carrier: Carrier) -> dict[str, Any]:
         """What the trials depend on, JSON-ready: only trials of equal settings may be joined."""
         ignored = ("out", "threads", "policy", "scenes")
         config = {k: v for k, v in asdict(self.config).items() if k not in ignored}
         settings = {
-            **config, "policy": policy_digest(policy), "source": source_version(),
+            **config, "carrier": digest(carrier), "source": source_version(),
             "scenes": [scene_digest(scene) for scene in self.scenes],
         }  # fmt: skip
         return json.loads(json.dumps(settings))
@@ -227,18 +280,8 @@ def scene_digest(scene: Scene) -> str:
     return digest.hexdigest()
 
 
-def policy_digest(policy: Policy) -> str:
-    """SHA-256 of what a policy says of itself and of what it does at 64 random observations."""
-    size = sum(width for _, width in policy.meta["layout"])
-    generator = torch.Generator().manual_seed(0)
-    with one_thread():
-        actions = policy.act(torch.randn(64, size, generator=generator))
-    said = json.dumps(policy.meta, sort_keys=True, default=str)
-    return hashlib.sha256(said.encode() + actions.contiguous().numpy().tobytes()).hexdigest()
-
-
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
-    """Scores a policy on scenes, prints a table, writes the report; returns it. Raises `HoticeError`."""
+    """Scores a policy, or the walk, on scenes, prints a table, writes the report; returns it. Raises `HoticeError`."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -251,7 +294,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
 
     from hotice.learn.score_processes import score_blocks
 
-    policy = load_policy(config.policy, threads=1)
+    carrier = load_carrier(config)
     if config.out is not None:
         check_writable(config.out)
     scorer = Scorer.of(config)
@@ -260,7 +303,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     done: dict[tuple[int, int], Trials] = {}
     store = None
     if config.out is not None:
-        store = TrialStore(Path(f"{config.out}.trials"), scorer.settings(policy), names)
+        store = TrialStore(Path(f"{config.out}.trials"), scorer.settings(carrier), names)
         done = store.blocks
         if store.changed:
             console.print(
@@ -278,14 +321,14 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         task = progress.add_task("trials", total=config.rollouts * len(names), completed=before)
         left = [block for block in scorer.blocks() if block not in done]
         for (scene, block), trials in score_blocks(
-            scorer, policy, left, config.threads, lambda n: progress.update(task, completed=before + n)
+            scorer, carrier, left, config.threads, lambda n: progress.update(task, completed=before + n)
         ):
             done[scene, block] = trials
             if store is not None:
                 store.add(scene, block, trials)
     blocks = [[done[key] for key in scorer.blocks() if key[0] == scene] for scene in range(len(names))]
     scores = [(name, Trials.joined(parts)) for name, parts in zip(names, blocks, strict=True)]
-    report = make_report(policy, config, scores)
+    report = make_report(carrier, config, scores)
     if config.out is not None:
         write_text(config.out, json.dumps(report, indent=1) + "\n")
     print_report(report, Console(width=None if Console().is_terminal else 130))

@@ -5,29 +5,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from hotice.learn.carriers import described
 from hotice.learn.trials import CAUSES, PLURAL, Trials
 from hotice.learn.version import source_version
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hotice.learn.carriers import Carrier
     from hotice.learn.evaluate import EvaluateConfig
-    from hotice.learn.policy import Policy
 
 FORMAT = "hotice-report/1"
+PAPER_S = 5.0
 SHOWN = {"robot_collision": "robot hit", "object_collision": "object hit", "fall": "fall", "drop": "drop"}
-SHOWN |= {"timeout": "timeout", "unstable": "unstable"}
+SHOWN |= {"timeout": "timeout", "unstable": "unstable", "no_plan": "no plan"}
+SELDOM = ("unstable", "no_plan")
+"""Causes that have a column only where they occur."""
 
 
-def make_report(policy: Policy, config: EvaluateConfig, scores: Sequence[tuple[str, Trials]]) -> dict[str, Any]:
+def make_report(carrier: Carrier, config: EvaluateConfig, scores: Sequence[tuple[str, Trials]]) -> dict[str, Any]:
     """The report of format hotice-report/1; `scores`: name and trials of each scene."""
     return {
-        "format": FORMAT, "policy": policy.name, "seed": config.seed, "rollouts": config.rollouts,
+        "format": FORMAT, **described(carrier), "seed": config.seed, "rollouts": config.rollouts,
         **Trials.joined(trials for _, trials in scores).rates(),
         "perturbed": config.perturbed, "without": list(config.without),
         "physics": "2 ms, elliptic" if config.fine else "5 ms, pyramidal",
         "objects": {"shapes": list(config.shapes), "size_m": list(config.size_m), "mass_kg": list(config.mass_kg)},
-        "trained": policy.meta.get("trained", {}), "preset": policy.meta["preset"], "source": source_version(),
+        "horizon_s": config.horizon_s, "source": source_version(),
         "scenes": [{"name": name, **trials.summary()} for name, trials in scores],
     }  # fmt: skip
 
@@ -38,14 +42,14 @@ def print_report(report: dict[str, Any], console: Console) -> None:
 
     task = "noise, delays and pushes" if report["perturbed"] else "no noise"
     task += f" without {', '.join(report['without'])}" if report["without"] else ""
-    title = (
-        f"{report['policy']}: {report['rollouts']} trials a scene, seed {report['seed']}, {report['physics']}, {task}"
-    )
+    task += "" if report["horizon_s"] == PAPER_S else f", {report['horizon_s']:g} s"
+    who = report["policy"] if report["controller"] == "policy" else f"controller {report['controller']}"
+    title = f"{who}: {report['rollouts']} trials a scene, seed {report['seed']}, {report['physics']}, {task}"
     table = Table(title=title)
     table.add_column("scene")
     for name in ("success", "95 %", "distance [m]", "time [s]"):
         table.add_column(name, justify="right")
-    causes = [c for c in CAUSES if c != "unstable" or any(row[PLURAL[c]] for row in report["scenes"])]
+    causes = [c for c in CAUSES if c not in SELDOM or any(row[PLURAL[c]] for row in report["scenes"])]
     for cause in causes:
         table.add_column(SHOWN[cause], justify="right")
     for row in report["scenes"]:

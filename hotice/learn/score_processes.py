@@ -16,7 +16,7 @@ from multiprocessing.connection import wait as wait_for
 from typing import TYPE_CHECKING, Any
 
 from hotice.errors import SimulationError
-from hotice.learn.policy import Policy, load_policy
+from hotice.learn.carriers import Carrier, load_carrier
 from hotice.learn.trials import Trials
 
 if TYPE_CHECKING:
@@ -27,16 +27,16 @@ Block = tuple[int, int]
 
 
 def score_blocks(
-    scorer: Scorer, policy: Policy, blocks: Sequence[Block], processes: int, on_total: Callable[[int], None]
+    scorer: Scorer, carrier: Carrier, blocks: Sequence[Block], processes: int, on_total: Callable[[int], None]
 ) -> Iterator[tuple[Block, Trials]]:
     """Scores blocks (scene, block) and yields them as they end, in any order.
 
-    With one process, or one block, everything happens in this one; others load the policy by its name. `on_total(n)` is
+    With one process, or one block, everything happens in this one; others load the policy anew. `on_total(n)` is
     told now and then how many trials have ended. Raises `SimulationError` when a process dies.
     """
     count = min(len(blocks), processes or os.cpu_count() or 1)
     if count <= 1:
-        yield from _score_here(scorer, policy, blocks, on_total)
+        yield from _score_here(scorer, carrier, blocks, on_total)
         return
     context = multiprocessing.get_context("spawn")
     ended = context.Value("q", 0)
@@ -58,7 +58,7 @@ def score_blocks(
 
 
 def _score_here(
-    scorer: Scorer, policy: Policy, blocks: Sequence[Block], on_total: Callable[[int], None]
+    scorer: Scorer, carrier: Carrier, blocks: Sequence[Block], on_total: Callable[[int], None]
 ) -> Iterator[tuple[Block, Trials]]:
     total = 0
 
@@ -68,14 +68,14 @@ def _score_here(
         on_total(total)
 
     for scene, block in blocks:
-        yield (scene, block), scorer.score(policy, scene, block, add)
+        yield (scene, block), scorer.score(carrier, scene, block, add)
 
 
 class _Worker:
     """What a process keeps between blocks."""
 
     scorer: Scorer
-    policy: Policy
+    carrier: Carrier
     ended: Any
 
 
@@ -86,7 +86,7 @@ def _begin(scorer: Scorer, ended: Any) -> None:
         sentinel = parent.sentinel
         threading.Thread(target=lambda: (wait_for([sentinel]), os._exit(1)), daemon=True).start()
     _Worker.scorer, _Worker.ended = scorer, ended
-    _Worker.policy = load_policy(scorer.config.policy, threads=1)
+    _Worker.carrier = load_carrier(scorer.config)
 
 
 def _score(key: Block) -> Trials:
@@ -94,4 +94,4 @@ def _score(key: Block) -> Trials:
         with _Worker.ended.get_lock():
             _Worker.ended.value += count
 
-    return _Worker.scorer.score(_Worker.policy, *key, add)
+    return _Worker.scorer.score(_Worker.carrier, *key, add)

@@ -13,17 +13,17 @@ from hotice.errors import InputError
 from hotice.files import make_folder, read_bytes, write_text
 from hotice.learn.wilson import wilson
 
-CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable")
+CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan")
 PLURAL = {
     "robot_collision": "robot_collisions", "object_collision": "object_collisions", "fall": "falls", "drop": "drops",
-    "timeout": "timeouts", "unstable": "unstable",
+    "timeout": "timeouts", "unstable": "unstable", "no_plan": "no_plans",
 }  # fmt: skip
 MAX_FILE_BYTES = 256 * 2**20
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trials:
-    """Trials of one scene: outcome (a name of `OUTCOMES`), root to goal at the end [m], and duration [s] of each."""
+    """Trials of one scene: outcome (of `OUTCOMES`, or `no_plan`), root to goal at the end [m], and duration [s] of each."""
 
     outcome: tuple[str, ...] = ()
     distance_m: tuple[float, ...] = ()

@@ -8,12 +8,12 @@ import torch
 
 import hotice.learn.evaluate as module
 from hotice.errors import CheckpointError, HoticeError, InvalidConfig
+from hotice.learn.carriers import policy_digest
 from hotice.learn.evaluate import (
     EvaluateConfig,
     block_seed,
     evaluate,
     evaluation_task,
-    policy_digest,
     scene_digest,
     score_block,
 )
