@@ -47,8 +47,9 @@ def record_stations(config: PlayConfig, scenes: Iterable[Scene]) -> list[Rollout
                 print(f"{scene.name}: {run.hand_over}", flush=True)
     told = [run.hand_over for run in runs if run.hand_over is not None]
     if told:
-        handed = sum(report.time_s is not None for report in told)
-        print(f"hand-overs: {handed} of {len(told)}; fallbacks to walk: {sum(report.fell_back for report in told)}")
+        handed, held = (sum(report.time_s is not None and report.held == h for report in told) for h in (False, True))
+        walked = sum(report.fell_back for report in told)
+        print(f"hand-overs: {handed} of {len(told)}; fallbacks to walk: {walked}; held, neither being fit: {held}")
     return [run.record for run in runs]
 
 

@@ -13,7 +13,7 @@ from hotice.errors import NotAvailable
 from hotice.model import builder
 from hotice.systems.mode_selector import MODES
 from hotice.systems.recording import SignalLog
-from hotice.systems.rehearsal import VERDICTS
+from hotice.systems.rehearsal_stage import VERDICTS
 from hotice.systems.signals import NQ, OBJECT_POS
 
 if TYPE_CHECKING:
@@ -24,12 +24,13 @@ FALLEN_M, LOW_M, APART_M = 0.5, 0.25, 0.15
 
 @dataclass(frozen=True, kw_only=True)
 class HandOverReport:
-    """A hand-over.
+    """A hand-over, or the decision against one.
 
     Attributes:
-        who: of `MODES`, who commands at the end. time_s: of the hand-over, None where there was none.
-        verdict: of `VERDICTS`, why the policy was not let, "fit" where it was, empty without a hand-over.
-        failure: empty, or what happened: no hand-over, fall, drop. failed_s: after the hand-over, where it failed.
+        who: of `MODES`, who commands at the end. time_s: of the decision, None where there was none.
+        verdict: of `VERDICTS`, why the policy was not let, "fit" where it was, empty without a decision.
+        failure: empty, or what happened: no hand-over, fall, drop. failed_s: after the decision, where it failed.
+        walk_verdict: of `VERDICTS`, how the walk's rehearsal ended, empty where there was none.
     """
 
     who: str
@@ -37,18 +38,35 @@ class HandOverReport:
     verdict: str
     failure: str
     failed_s: float | None = None
+    walk_verdict: str = ""
 
     @property
     def fell_back(self) -> bool:
         """Whether the walking baseline carried on instead of the policy."""
         return self.who == "walk"
 
+    @property
+    def held(self) -> bool:
+        """Whether neither was fit: the pick-up went on holding the object."""
+        return self.who == "hold"
+
     def __str__(self) -> str:
         if self.time_s is None:
             return self.failure
-        why = f" (the policy's rehearsal ended in a {self.verdict.replace('_', ' ')})" if self.fell_back else ""
         end = f"{self.failure} {self.failed_s:.1f} s later" if self.failure else "kept the object"
-        return f"{self.who} carried on at {self.time_s:.1f} s{why}, {end}"
+        why = f"the policy's rehearsal ended in a {_words(self.verdict)}"
+        if self.held:
+            walk = (
+                "the walk found no way"
+                if self.walk_verdict == "no_way"
+                else f"the walk's in a {_words(self.walk_verdict)}"
+            )
+            return f"held at {self.time_s:.1f} s, handed to no one ({why}, {walk}), {end}"
+        return f"{self.who} carried on at {self.time_s:.1f} s{f' ({why})' if self.fell_back else ''}, {end}"
+
+
+def _words(verdict: str) -> str:
+    return verdict.replace("_", " ")
 
 
 def report_hand_over(station: Station, logs: Mapping[str, SignalLog]) -> HandOverReport:
@@ -59,12 +77,13 @@ def report_hand_over(station: Station, logs: Mapping[str, SignalLog]) -> HandOve
     after = np.flatnonzero(mode.value[:, 0] > 0)
     if not len(after):
         return HandOverReport(who=MODES[0], time_s=None, verdict="", failure=_why_not(station, logs))
-    first = int(after[0])
+    first, tried = int(after[0]), int(logs["mode_selector.walk_verdict"].value[-1, 0])
     failure, row = _failure(station, state[first:, :NQ])
     return HandOverReport(
         who=MODES[int(mode.value[-1, 0])], time_s=float(mode.time_s[first]),
         verdict=VERDICTS[max(int(logs["mode_selector.verdict"].value[-1, 0]), 0)], failure=failure,
         failed_s=float(mode.time_s[first + row] - mode.time_s[first]) if failure else None,
+        walk_verdict=VERDICTS[tried] if tried >= 0 else "",
     )  # fmt: skip
 
 

@@ -1,4 +1,7 @@
-"""Who commands: the pick-up until the object is held, then the policy, or the walking baseline where the policy is not fit."""
+"""Who commands: the pick-up until the object is held, then the policy, or the walking baseline where the policy is not fit.
+
+Where neither is, the pick-up goes on holding the object.
+"""
 
 # pydrake's stubs type arrays as numpy does not:
 # pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
@@ -16,8 +19,8 @@ from hotice.errors import InvalidConfig
 from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, ROBOT_STATE
 
 Array = NDArray[np.float64]
-MODES = ("pickup", "policy", "walk")
-PICKUP, CARRY, WALK = 0.0, 1.0, 2.0
+MODES = ("pickup", "policy", "walk", "hold")
+PICKUP, CARRY, WALK, HOLD = 0.0, 1.0, 2.0, 3.0
 NEVER = UNTRIED = -1.0
 
 
@@ -50,19 +53,24 @@ class ModeSelector(LeafSystem):
     """Inputs `pickup_torque`, `carry_torque` (20,) [N m], `phase` (1,) of the pick-up, `contact_force` (12,).
 
     With `rehearse` also `walk_torque` (20,) and `robot_state` (84,): the policy takes over only where its rehearsal from the
-    present state ends with verdict 0; else the walking baseline does.
+    present state ends with verdict 0; else the walking baseline does, if `rehearse_walk` ends so (None: in any case); else
+    mode `hold` is left to the pick-up for good.
 
     Outputs `torque` (20,) [N m]; `mode` (1,): index into `MODES`; `carry_active`, `walk_active` (1,): 1 while policy or baseline
-    commands, which rest until then; `verdict` (1,): of the rehearsal, -1 before it; `fallbacks` (1,): hand-overs that went to
-    the baseline. The mode never goes back. Checked every `period_s`.
+    commands, which rest until then; `verdict`, `walk_verdict` (1,): of the rehearsals, -1 before them; `fallbacks` (1,):
+    hand-overs that went to the baseline. The mode never goes back. Checked every `period_s`.
     """
 
-    def __init__(self, rule: HandOver, period_s: float, rehearse: Callable[[Array], int] | None = None) -> None:
+    def __init__(
+        self, rule: HandOver, period_s: float, rehearse: Callable[[Array], int] | None = None,
+        rehearse_walk: Callable[[Array], int] | None = None,
+    ) -> None:  # fmt: skip
         super().__init__()
-        self.rule, self._rehearse = rule, rehearse
+        self.rule, self._rehearse, self._rehearse_walk = rule, rehearse, rehearse_walk
         self._mode = self.DeclareDiscreteState([PICKUP])
         self._times = self.DeclareDiscreteState([NEVER, NEVER])  # of the hand-over; since when the pick-up is ready [s]
         self._verdict = self.DeclareDiscreteState([UNTRIED])
+        self._walk_verdict = self.DeclareDiscreteState([UNTRIED])
         self._pickup = self.DeclareVectorInputPort("pickup_torque", NUM_JOINTS)
         self._carry = self.DeclareVectorInputPort("carry_torque", NUM_JOINTS)
         self._phase = self.DeclareVectorInputPort("phase", 1)
@@ -73,6 +81,7 @@ class ModeSelector(LeafSystem):
         self.DeclareVectorOutputPort("torque", NUM_JOINTS, self._output)
         self.DeclareStateOutputPort("mode", self._mode)
         self.DeclareStateOutputPort("verdict", self._verdict)
+        self.DeclareStateOutputPort("walk_verdict", self._walk_verdict)
         reads = {self.discrete_state_ticket(self._mode)}
         for name, mode in (("carry_active", CARRY), ("walk_active", WALK), ("fallbacks", WALK)):
             self.DeclareVectorOutputPort(name, 1, self._is(mode), reads)
@@ -96,14 +105,24 @@ class ModeSelector(LeafSystem):
             since = context.get_time()
         if since != NEVER and context.get_time() - since >= self.rule.settle_s - 1e-9:
             handed = context.get_time()
-            verdict = 0 if self._rehearse is None else self._rehearse(self._state.Eval(context))
-            state.get_mutable_discrete_state(self._verdict).SetFromVector([float(verdict)])
-            state.get_mutable_discrete_state(self._mode).SetFromVector([WALK if verdict else CARRY])
+            state.get_mutable_discrete_state(self._mode).SetFromVector([self._choose(context, state)])
         state.get_mutable_discrete_state(self._times).SetFromVector([handed, since])
+
+    def _choose(self, context: Context, state: State) -> float:
+        """The mode from now on; writes the verdicts."""
+        verdict = 0 if self._rehearse is None else self._rehearse(self._state.Eval(context))
+        state.get_mutable_discrete_state(self._verdict).SetFromVector([float(verdict)])
+        if not verdict:
+            return CARRY
+        if self._rehearse_walk is None:
+            return WALK
+        verdict = self._rehearse_walk(self._state.Eval(context))
+        state.get_mutable_discrete_state(self._walk_verdict).SetFromVector([float(verdict)])
+        return HOLD if verdict else WALK
 
     def _output(self, context: Context, output: BasicVector) -> None:
         mode = context.get_discrete_state(self._mode).value()[0]
-        if mode == PICKUP:
+        if mode in (PICKUP, HOLD):
             output.SetFromVector(self._pickup.Eval(context))
             return
         handed = context.get_discrete_state(self._times).value()[0]

@@ -9,24 +9,22 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.model import builder, g1
+from hotice.model import g1
 from hotice.policies.guidance import read_fields
 from hotice.policies.observation import Carrying, observe
 from hotice.policies.percept import Percept, PerceptModel
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.policy import next_action
 from hotice.systems.rehearsal_config import RehearsalConfig
+from hotice.systems.rehearsal_stage import RehearsalStage
 from hotice.systems.sensor_model import DRAWS, ESTIMATE, measure
-from hotice.systems.signals import JOINT_POS, JOINT_VEL, NQ, torque_limits
+from hotice.systems.signals import NQ, torque_limits
 from hotice.systems.state_adaptor import robot_state_of_mujoco
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
 
 Array = NDArray[np.float64]
-VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diverged")
-"""How a rehearsal ended; `fit`: nothing happened."""
-FALLEN_M, UPRIGHT, LOST_M = 0.5, 0.7, 0.15
 
 
 class Sensing:
@@ -60,15 +58,10 @@ class Rehearsal:
     """
 
     def __init__(self, station: Station, config: RehearsalConfig | None = None) -> None:
-        from hotice.systems.station_plant import station_model
-
         self.config = config or RehearsalConfig()
         self._station, self._task, self._pf = station, station.task, station.pf
-        self._model = station_model(station)
+        self._stage = RehearsalStage(station)
         self._substeps = round(station.task.control_dt_s / station.physics_dt_s)
-        self._hands = [self._model.site(name).id for name in ("left_hand", "right_hand")]
-        self._pelvis = self._model.body(g1.ROOT_BODY).id
-        self._hits = bool(station.world.obstacles)
         self._percept_of = PerceptModel(station.carry.carried)
         self._gains = (*g1.gains(), torque_limits())
 
@@ -80,12 +73,10 @@ class Rehearsal:
         return 0
 
     def _try(self, state: Array, push_m_s: float, sensing: Sensing) -> int:
-        carry, task, data = self._station.carry, self._task, mujoco.MjData(self._model)
+        carry, task, model = self._station.carry, self._task, self._stage.model
+        data = mujoco.MjData(model)
         q, qd = data.qpos[7:27], data.qvel[6:26]
-        data.qpos[:] = np.concatenate([state[:7], state[JOINT_POS], state[36:43]])
-        data.qvel[:] = np.concatenate([state[NQ : NQ + 6], state[JOINT_VEL], state[NQ + 35 :]])
-        yaw = 2.0 * math.atan2(state[6], state[3])
-        data.qvel[:2] += push_m_s * np.array([-math.sin(yaw), math.cos(yaw)])
+        data.qpos[:], data.qvel[:] = self._stage.start(state, push_m_s)
         carrying, action, phase = Carrying.of(carry), np.zeros(20), 0.0
         for _ in range(round(self.config.horizon_s / task.control_dt_s)):
             now = robot_state_of_mujoco(np.concatenate([data.qpos, data.qvel]), carry.wrist_pos)
@@ -98,22 +89,8 @@ class Rehearsal:
             target = carry.joint_target + task.action_scale * action
             for _ in range(self._substeps):
                 data.ctrl[:] = pd_torque(target, q, qd, *self._gains)
-                mujoco.mj_step(self._model, data)
-            verdict = self._verdict(data)
+                mujoco.mj_step(model, data)
+            verdict = self._stage.verdict(data)
             if verdict:
                 return verdict
-        return 0
-
-    def _verdict(self, data: mujoco.MjData) -> int:
-        if not np.isfinite(data.qpos).all():
-            return VERDICTS.index("diverged")
-        if data.qpos[2] < FALLEN_M or data.xmat[self._pelvis][8] < UPRIGHT:
-            return VERDICTS.index("fall")
-        apart = np.linalg.norm(data.qpos[27:30] - data.site_xpos[self._hands].mean(axis=0))
-        if apart > LOST_M:
-            return VERDICTS.index("drop")
-        if self._hits:
-            for name, verdict in zip(builder.HIT_SENSORS, ("robot_collision", "object_collision"), strict=True):
-                if data.sensor(name).data[0] > 0:
-                    return VERDICTS.index(verdict)
         return 0

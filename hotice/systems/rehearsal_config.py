@@ -1,4 +1,4 @@
-"""How a policy is tried before it takes over."""
+"""How a policy, or the walking baseline in its place, is tried before it takes over."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hotice.errors import InvalidConfig
 
 @dataclass(frozen=True, kw_only=True)
 class RehearsalConfig:
-    """How a policy is tried."""
+    """How both are tried."""
 
     horizon_s: float = 4.0
     """For how long; 0: not at all."""

@@ -63,7 +63,8 @@ class StationConfig:
     support_height_m: float = 0.6
     """Top of the table from which the object is picked up."""
     rehearsal: RehearsalConfig = field(default_factory=RehearsalConfig)
-    """How the policy is tried before it takes over from a pick-up; where it fails, the walking baseline carries on."""
+    """How the policy is tried before it takes over from a pick-up, and, where it fails, the walking baseline; where both do, the
+    pick-up holds on."""
     support_near_m: float = 0.25
     """From between the feet to the table's near edge."""
     pick_bearing_rad: float = np.pi / 2

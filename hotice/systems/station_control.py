@@ -22,6 +22,7 @@ from hotice.systems.mode_selector import HandOver, ModeSelector
 from hotice.systems.policy import PolicySystem
 from hotice.systems.rehearsal import Rehearsal
 from hotice.systems.table import pick_origin
+from hotice.systems.walk_rehearsal import WalkRehearsal
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
@@ -129,8 +130,12 @@ def _add_pickup_then_policy(builder: DiagramBuilder, station: Station, sensed: S
     servo = _add_servo(builder, policy, sensed)
     rule = HandOver(ready_phase=PHASES.index("hold"))
     walk = _add_walk_later(builder, station, sensed)
-    rehearsal = Rehearsal(station, station.config.rehearsal) if station.config.rehearsal.horizon_s else None
-    selector = builder.AddNamedSystem("mode_selector", ModeSelector(rule, station.task.control_dt_s, rehearsal))
+    tried = station.config.rehearsal
+    rehearsal = Rehearsal(station, tried) if tried.horizon_s else None
+    of_walk = WalkRehearsal(station, tried) if tried.horizon_s else None
+    selector = builder.AddNamedSystem(
+        "mode_selector", ModeSelector(rule, station.task.control_dt_s, rehearsal, of_walk)
+    )
     connect(builder, pickup, "torque", selector, "pickup_torque")
     connect(builder, servo, "torque", selector, "carry_torque")
     connect(builder, pickup, "phase", selector, "phase")

@@ -63,7 +63,7 @@ def test_fallbacks_are_told_and_counted(short_run, tmp_path, capsys):
     status, text = played(capsys, *options)
     assert status == 0
     assert text.out.count("walk carried on at 17.7 s (the policy's rehearsal ended in a fall), kept the object") == 2
-    assert "hand-overs: 2 of 2; fallbacks to walk: 2" in text.out
+    assert "hand-overs: 2 of 2; fallbacks to walk: 2; held, neither being fit: 0" in text.out
     first, second = short_run
     assert first.carried != second.carried and first.policy == "student"
     assert not first.sensing.exact  # perturbed by default, as other rollouts

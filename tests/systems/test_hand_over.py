@@ -17,24 +17,35 @@ from hotice.policies import PolicyTask
 from hotice.systems import StationConfig, make_station, read_logs
 from hotice.systems.departure import SECTOR_RAD, plan_departure
 from hotice.systems.hand_over_report import HandOverReport, report_hand_over
-from hotice.systems.mode_selector import CARRY, WALK, HandOver, ModeSelector
+from hotice.systems.mode_selector import CARRY, HOLD, WALK, HandOver, ModeSelector
 from hotice.systems.recording import SignalLog, wires
-from hotice.systems.rehearsal import VERDICTS, Rehearsal
+from hotice.systems.rehearsal import Rehearsal
 from hotice.systems.rehearsal_config import RehearsalConfig
+from hotice.systems.rehearsal_stage import VERDICTS
 from hotice.systems.table import SUPPORT, around_table, beside_start, table_of, with_table
+from hotice.systems.walk_rehearsal import WalkRehearsal
 
 OPEN = Scene("open")
 
 
-@pytest.mark.parametrize("verdict", [0, 1])
-def test_the_verdict_chooses_who_takes_over(verdict, robot_state):
-    seen = []
+@pytest.mark.parametrize(
+    "verdict, of_walk, mode, torque",
+    [(0, 0, CARRY, 5.0), (0, 1, CARRY, 5.0), (1, 0, WALK, -3.0), (2, 1, HOLD, 1.0), (1, None, WALK, -3.0)],
+)
+def test_the_verdicts_choose_who_takes_over(verdict, of_walk, mode, torque, robot_state):
+    """The policy if it is fit, else the walk if that is, else no one: the pick-up goes on holding."""
+    seen, walks = [], []
 
     def rehearse(state):
         seen.append(state.copy())
         return verdict
 
-    system = ModeSelector(HandOver(ready_phase=8, settle_s=0.1, blend_s=0.2), 0.02, rehearse)
+    def rehearse_walk(state):
+        walks.append(state.copy())
+        return of_walk
+
+    rule = HandOver(ready_phase=8, settle_s=0.1, blend_s=0.2)
+    system = ModeSelector(rule, 0.02, rehearse, None if of_walk is None else rehearse_walk)
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     held = np.array([0.0, 0, 180, 0, 0, 180, 0, 40, 0, 0, -40, 0])
@@ -48,12 +59,15 @@ def test_the_verdict_chooses_who_takes_over(verdict, robot_state):
         return [float(system.GetOutputPort(name).Eval(context)[0]) for name in names]
 
     simulator.AdvanceTo(0.09)
-    assert outputs("mode", "verdict", "fallbacks") == [0.0, -1.0, 0.0] and not seen
+    assert outputs("mode", "verdict", "walk_verdict", "fallbacks") == [0.0, -1.0, -1.0, 0.0] and not seen
     simulator.AdvanceTo(1.0)
     assert len(seen) == 1 and (seen[0] == robot_state).all()  # one rehearsal, from the state at the switch
-    assert outputs("mode", "verdict") == [WALK if verdict else CARRY, verdict]
-    assert outputs("carry_active", "walk_active", "fallbacks") == [1.0 - verdict, verdict, verdict]
-    assert outputs("torque") == [torques["walk_torque" if verdict else "carry_torque"]]
+    tried = verdict > 0 and of_walk is not None
+    assert len(walks) == tried and all((state == robot_state).all() for state in walks)
+    assert outputs("mode", "verdict", "walk_verdict") == [mode, verdict, of_walk if tried else -1.0]
+    walking = float(mode == WALK)
+    assert outputs("carry_active", "walk_active", "fallbacks") == [float(mode == CARRY), walking, walking]
+    assert outputs("torque") == [torque]
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +91,38 @@ def test_a_rehearsal_knows_fit_from_unfit(ready):
     assert VERDICTS[once(thrown)] == "fall" and VERDICTS[once(lost)] == "drop"
     pushed = Rehearsal(station, RehearsalConfig(horizon_s=2.0, push_m_s=(0.0, 4.0)))
     assert VERDICTS[pushed(state)] in ("fall", "drop")  # the second try counts too
+
+
+def test_a_rehearsal_of_the_walk(ready):
+    """From standing with the object it is fit; thrown over, with the object out of reach, or walled in, it is not."""
+    station, state = ready
+    walk = WalkRehearsal(station, RehearsalConfig(horizon_s=1.5, push_m_s=(0.0,)))
+    before = state.copy()
+    assert VERDICTS[walk(state)] == "fit" and VERDICTS[walk(state)] == "fit"
+    np.testing.assert_array_equal(state, before)
+    thrown, lost, away = state.copy(), state.copy(), state.copy()
+    thrown[43:46] += [0.0, 4.0, 0.0]
+    lost[36] += 0.5
+    assert VERDICTS[walk(thrown)] == "fall" and VERDICTS[walk(lost)] == "drop"
+    pushed = WalkRehearsal(station, RehearsalConfig(horizon_s=1.5, push_m_s=(0.0, 4.0)))
+    assert VERDICTS[pushed(state)] in ("fall", "drop")
+    moat = Obstacle("moat", "ground", BoxShape((1.2, 2.0, 0.1)), (1.1, 0.0, 0.05))
+    cut_off = make_station(StationConfig(scene=Scene("moat", obstacles=(moat,)), physics_dt_s=0.005, servo="pd"))
+    away[[0, 36]] -= 0.1
+    assert VERDICTS[WalkRehearsal(cut_off)(away)] == "no_way"
+
+
+def test_a_rehearsal_of_the_walk_sees_obstacles_and_motors(ready):
+    station, state = ready
+    here = state.copy()
+    post = Obstacle("post", "side", BoxShape((0.1, 0.1, 1.4)), (0.25, 0.0, 0.7))
+    scene = Scene("post", bounds_m=((-1.0, -1.5, 0.0), (2.5, 1.5, 1.5)), obstacles=(post,), start=(-0.6, 0.0, 0.0))
+    blocked = make_station(StationConfig(scene=scene, physics_dt_s=0.005, servo="pd"))
+    verdict = WalkRehearsal(blocked, RehearsalConfig(horizon_s=0.2, push_m_s=(0.0,)))(here)
+    assert VERDICTS[verdict] in ("object_collision", "robot_collision")
+    weak = WalkRehearsal(station, RehearsalConfig(horizon_s=1.0, push_m_s=(0.0,)))
+    weak.stage.model.actuator_gainprm[:, 0] = 0.3
+    assert VERDICTS[weak(state)] in ("fall", "drop")
 
 
 def test_a_rehearsal_sees_obstacles(ready):
@@ -171,14 +217,15 @@ def test_a_table_beside_the_start():
         beside_start(Scene("cell", obstacles=tuple(walls)), config)
 
 
-def logs_of(station, modes, verdict, **change):
-    """Logs of a station that stands in its carry state; `change`: columns of the last row's state."""
+def logs_of(station, modes, verdict, of_walk=-1.0, **change):
+    """Logs of a station that stands in its carry state; `of_walk`: the walk's verdict. `change`: last row's columns."""
     qpos, qvel = RobotState.from_carry(station.carry).to_mujoco(29)
     rows = np.tile(np.concatenate([qpos, qvel]), (len(modes), 1))
     for index, value in change.items():
         rows[-1, int(index[1:])] = value
     time = 0.1 * np.arange(len(modes))
     signals = {"mode_selector.mode": modes, "mode_selector.verdict": verdict, "pickup.phase": [2.0] * len(modes)}
+    signals["mode_selector.walk_verdict"] = [of_walk] * len(modes)
     logs = {k: SignalLog(time_s=time, value=np.array(v, dtype=float)[:, None]) for k, v in signals.items()}
     return logs | {"state_adaptor.robot_state": SignalLog(time_s=time, value=rows)}
 
@@ -189,6 +236,11 @@ def test_what_is_told_of_a_hand_over(ready):
     assert report == HandOverReport(who="policy", time_s=pytest.approx(0.2), verdict="fit", failure="")
     report = report_hand_over(station, logs_of(station, [0, 2, 2], [-1, 1, 1]))
     assert report.fell_back and "walk carried on" in str(report) and "rehearsal ended in a fall" in str(report)
+    report = report_hand_over(station, logs_of(station, [0, 3, 3], [-1, 1, 1], of_walk=3.0))
+    assert report.held and not report.fell_back and not report.failure and report.walk_verdict == "robot_collision"
+    assert "handed to no one" in str(report) and "in a fall, the walk's in a robot collision" in str(report)
+    report = report_hand_over(station, logs_of(station, [0, 3, 3], [-1, 1, 1], of_walk=6.0))
+    assert "the walk found no way" in str(report)
     report = report_hand_over(station, logs_of(station, [0, 1, 1], [-1, 0, 0], _2=0.3))
     assert (report.failure, report.failed_s) == ("fall", pytest.approx(0.1))
     assert report_hand_over(station, logs_of(station, [0, 1, 1], [-1, 0, 0], _38=1.4)).failure == "drop"
@@ -230,6 +282,20 @@ def test_without_skill_the_walk_carries_on(monkeypatch):
     assert found.hand_over is not None and found.hand_over.fell_back and not found.hand_over.failure
     start, end = found.record.root_pos_W[[0, -1], 0]
     assert end > start + 0.3 and found.record.policy == "pickup_then_policy: walk"
+
+
+@pytest.mark.slow
+def test_where_neither_is_fit_the_box_is_held(monkeypatch):
+    """The pick-up goes on holding, and the report says why; policy and walk never command."""
+    from hotice.systems.play import play_station
+
+    monkeypatch.setattr(Rehearsal, "__call__", lambda self, state: VERDICTS.index("fall"))
+    monkeypatch.setattr(WalkRehearsal, "__call__", lambda self, state: VERDICTS.index("drop"))
+    found = play_station(make_station(StationConfig(log_hz=25.0), controller="pickup_then_policy"), 2.0)
+    assert found.hand_over is not None and found.hand_over.held and not found.hand_over.failure
+    assert found.record.policy == "pickup_then_policy: hold"
+    x = found.record.root_pos_W[found.record.time_s > found.hand_over.time_s]
+    assert len(x) > 20 and np.abs(x[-1] - x[0]).max() < 0.03
 
 
 def test_departures_of_stations(monkeypatch):
