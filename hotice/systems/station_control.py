@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
 
-from hotice.errors import NotAvailable
+from hotice.errors import NotAvailable, PickInfeasible
 from hotice.model.carry import CarryState
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.systems.compose import connect
@@ -26,6 +26,7 @@ from hotice.systems.walk_rehearsal import WalkRehearsal
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
+    from hotice.systems.station_config import StationConfig
 
 CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
 """hold: the carry state's joint targets, without a policy: standing with the object."""
@@ -169,10 +170,11 @@ def plan_pick(station: Station) -> PickSetting:
             f"controller {station.controller_name!r} needs {error.name}, which is not installed"
         ) from None
     config, carried = station.config, station.config.carried
-    origin, support = (
-        pick_origin(station.scene, config),
-        Support(top_m=config.support_height_m, near_m=config.support_near_m),
-    )
+    origin = pick_origin(station.scene, config)
+    try:
+        support = Support(top_m=config.support_height_m, near_m=config.support_near_m)
+    except PickInfeasible as error:
+        raise _out_of_reach(config, error) from None
     half = carried.half_extents_m
     p_GO = np.array([support.near_m + 0.02 + half[0], 0.0, support.top_m + half[2]])
     upright = np.array([1.0, 0.0, 0.0, 0.0])
@@ -181,7 +183,10 @@ def plan_pick(station: Station) -> PickSetting:
         from hotice.systems.departure import plan_departure
 
         departure = plan_departure(station.pf, station.task, station.carry, origin)
-    controller = Pickup(carried, support, p_GO, upright, departure=departure)
+    try:
+        controller = Pickup(carried, support, p_GO, upright, departure=departure)
+    except PickInfeasible as error:
+        raise _out_of_reach(config, error) from None
     turn, offset = quat_from_yaw(origin[2]), np.array([*origin[:2], 0.0])
     q = controller.start_q
     qpos = np.concatenate([
@@ -189,3 +194,10 @@ def plan_pick(station: Station) -> PickSetting:
         quat_rotate(turn, p_GO) + offset, quat_mul(turn, upright),
     ])  # fmt: skip
     return PickSetting(controller=controller, carry=end_state(controller), origin=origin, qpos=qpos)
+
+
+def _out_of_reach(config: StationConfig, why: PickInfeasible) -> PickInfeasible:
+    return PickInfeasible(
+        f"the {config.carried.shape} cannot be picked up with support_height_m {config.support_height_m:g} and support_near_m "
+        f"{config.support_near_m:g}: {why}; move the support (0.25 m before the feet and 0.5 to 0.7 m high suit most objects)"
+    )

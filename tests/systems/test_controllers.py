@@ -5,7 +5,7 @@ import pytest
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from hotice.errors import HoticeError
+from hotice.errors import CarryInfeasible, PickInfeasible
 from hotice.model import Box
 from hotice.systems import StationConfig, make_station, read_logs
 from hotice.systems.recording import wires
@@ -64,13 +64,18 @@ def test_wiring_of_the_hand_over(picking):
         assert wire in found
 
 
+@pytest.mark.parametrize("controller", ["pickup", "pickup_then_policy"])
 @pytest.mark.parametrize(
-    "change, message",
+    "change, error, message",
     [
-        ({"support_height_m": 0.2}, "support"), ({"support_height_m": 1.2}, "support"), ({"support_near_m": 0.9}, "support"),
-        ({"carried": Box((0.3, 0.3, 0.3), 30.0)}, "too heavy"),
+        ({"support_height_m": 0.39}, PickInfeasible, "support_height_m 0.39 .* 0.39 m: allowed are 0.40 to 0.85 m"),
+        ({"support_height_m": 0.86}, PickInfeasible, "support_height_m 0.86 .* 0.86 m: allowed are 0.40 to 0.85 m"),
+        ({"support_near_m": 0.61}, PickInfeasible, "support_near_m 0.61: .* 0.15 to 0.60 m, stand nearer"),
+        ({"support_near_m": 0.6, "carried": Box((0.4, 0.3, 0.3), 1.0)}, PickInfeasible, "support_near_m 0.6: .* is violated"),
+        ({"carried": Box((0.3, 0.3, 0.3), 30.0)}, CarryInfeasible, "too heavy"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_picked_up(change, message):
-    with pytest.raises(HoticeError, match=message):
-        make_station(StationConfig(**change), controller="pickup")
+def test_what_cannot_be_picked_up(change, error, message, controller):
+    """Is told when the station is made: too low, too high, too far, out of reach within what is allowed, too heavy."""
+    with pytest.raises(error, match=message):
+        make_station(StationConfig(**change), controller=controller)
