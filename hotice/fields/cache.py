@@ -66,7 +66,7 @@ def load(folder: Path, key: str) -> tuple[Grid, tuple[float, ...], NDArray[np.ui
     if not path.is_file():
         return None
     found = _open(path)
-    if found is None or zlib.crc32(found[1]) != found[0]["crc"]:
+    if found is None or zlib.crc32(found[1].data) != found[0]["crc"]:
         warnings.warn(f"{path} is damaged: its scene is solved again", BrokenCacheFile, stacklevel=2)
         return None
     header, raw = found

@@ -1,7 +1,7 @@
 """Any controller of `hotice.control` as a Drake system."""
 
 # pydrake's stubs type arrays as numpy does not:
-# pyright: reportArgumentType=false, reportCallIssue=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
 
 from __future__ import annotations
 

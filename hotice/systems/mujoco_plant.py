@@ -1,7 +1,7 @@
 """The robot, its object and its scene in MuJoCo, as a Drake system."""
 
 # pydrake's stubs type arrays as numpy does not:
-# pyright: reportArgumentType=false, reportCallIssue=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
 
 from __future__ import annotations
 
@@ -102,9 +102,9 @@ class MujocoPlant(LeafSystem):
         if state.tobytes() != self._holds:  # another Context than the last step's, or one that was set
             mujoco.mj_setState(model, data, state, STATE)
         if self._push is not None:
-            *change, when = self._push.Eval(context)
-            if abs(context.get_time() - when) < NOW_S:
-                data.qvel[:2] += change
+            push = self._push.Eval(context)  # change of the velocity, and when
+            if abs(context.get_time() - push[-1]) < NOW_S:
+                data.qvel[:2] += push[:-1]
         if self._servo is None:
             self._ctrl[:] = command
             mujoco.mj_step(model, data, self._steps)

@@ -1,5 +1,8 @@
 """One run of a station until the object is at the goal, the robot fails or time is over, as a record to look at."""
 
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportIndexIssue=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
