@@ -113,7 +113,7 @@ def pipeline(config: Flat[PipelineConfig]) -> int:
 
 
 def evaluate(config: Flat[EvaluateConfig]) -> int:
-    """Score a policy with exact collision geometry."""
+    """Score a policy, or the walking baseline, with exact collision geometry."""
     from hotice.learn.evaluate import evaluate as run
 
     run(config)
