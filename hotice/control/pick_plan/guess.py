@@ -56,7 +56,7 @@ class Guess:
         return [
             *self.stand_rows(p, 0.0, pose.p_WO),
             *([_low(p)] if grip.steps_back else []),
-            *([] if carried.shape == "box" else [(3.0 * height, 3.0 * by_v)]),  # no deep squat before round ones
+            (2.0 * height, 2.0 * by_v),
             _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
             p.palms(carried, pose, grip.toe_m, stiff),
             p.hand_places(pose, grip.place, np.eye(3), 15.0),
