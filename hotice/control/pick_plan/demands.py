@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hotice.control.pick_plan.drake_ik import KeyframeIk
 from hotice.control.pick_plan.drake_robot import DrakeRobot
-from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M
+from hotice.control.pick_plan.grip import GRIP_AHEAD_M, PALM_POINTS_M, PALM_RADIUS_M
 from hotice.control.pick_plan.task import CHEST_GAP_M, CHEST_M, COM_BOX_M, KNEE_ROOM_M, STEPPING_HEIGHT_M, PickTask
 from hotice.control.terms import PELVIS, Terms
 from hotice.model import g1
@@ -48,7 +48,8 @@ class Demands:
         for i, link in enumerate(HANDS):
             for p_H, gap in zip(PALM_POINTS_M, gap_m, strict=True):
                 p_F, out = self.hand(i) + p_H, float(carried.half_extents_m[1]) + PALM_RADIUS_M + gap
-                aside = {"box": 0.0, "cylinder": p_H[0], "sphere": np.hypot(p_H[0], p_H[2])}[carried.shape]
+                ahead = p_H[0] - GRIP_AHEAD_M
+                aside = {"box": 0.0, "cylinder": ahead, "sphere": np.hypot(ahead, p_H[2])}[carried.shape]
                 plane, inf = (
                     SIGN[i] * np.sqrt(out**2 - aside**2),
                     np.inf,

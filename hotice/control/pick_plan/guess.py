@@ -58,7 +58,7 @@ class Guess:
             *([_low(p)] if grip.steps_back else []),
             (2.0 * height, 2.0 * by_v),
             _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
-            p.palms(carried, pose, grip.toe_m, stiff),
+            p.palms(carried, pose, grip.gaps_m(), stiff),
             p.hand_places(pose, grip.place, np.eye(3), 15.0),
             p.hand_pitch(0.0, 2.0),
             p.pelvis_turn(np.array([0.0, 0.1, task.yaw]), np.array([6.0, 1.0, turn])),
@@ -74,10 +74,9 @@ class Guess:
         grip, pose, before = self.task.grip, self.task.pose, self._before(grasp)
 
         def rows(p: Pose) -> list[Rows]:
-            gap = PREGRASP_GAP_M + grip.toe_m
             return [
                 *before(p),
-                p.palms(grip.carried, pose, gap, 50.0),
+                p.palms(grip.carried, pose, grip.gaps_m(PREGRASP_GAP_M), 50.0),
                 p.hand_places(pose, p_OH, np.eye(3)[[0, 2]], 15.0),
             ]
 

@@ -104,7 +104,7 @@ class KeyframeSolver:
             self._demand.low(ik)
         elif carried.shape != "box":
             ik.point("pelvis", np.zeros(3), [0.0, 0.0, 0.7], [0.0, 0.0, 3.0], np.eye(3))
-        self._demand.palms(ik, grip.toe_m, off_m, 300.0)
+        self._demand.palms(ik, grip.gaps_m(), off_m, 300.0)
         for i, link in enumerate(HANDS):
             place = pose.p_WO + pose.R_WO @ grip.place[i]
             reach = np.full(3, PALM_PLACE_M)
@@ -139,7 +139,7 @@ class KeyframeSolver:
             ready = np.concatenate([grasp[7:19], ready_joints(grip.carry)[g1.UPPER]])
             ik.posture(ready, posture_weights(1.0))
             return ik.solve(guess, "no way to crouch before the object")
-        self._demand.palms(ik, PREGRASP_GAP_M + grip.toe_m, PALM_GAPS_M[grip.carried.shape][-1], 50.0)
+        self._demand.palms(ik, grip.gaps_m(PREGRASP_GAP_M), PALM_GAPS_M[grip.carried.shape][-1], 50.0)
         for i, link in enumerate(HANDS):
             place = task.pose.p_WO + task.pose.R_WO @ p_OH[i]
             ik.point(link, self._demand.hand(i), place, [15.0, 0.0, 15.0], task.pose.R_WO)
