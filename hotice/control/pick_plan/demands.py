@@ -18,7 +18,7 @@ FEET = tuple(f"{side}_ankle_roll_link" for side in g1.SIDES)
 HANDS = tuple(f"{side}_wrist_yaw_link" for side in g1.SIDES)
 KNEES = tuple(f"{side}_knee_link" for side in g1.SIDES)
 SIGN = (1.0, -1.0)
-PALM_GAPS_M = {"box": (0.008,), "cylinder": (0.0005, 0.002, 0.004), "sphere": (0.004,)}
+PALM_GAPS_M = {"box": (0.008,), "cylinder": (0.0005, 0.002, 0.004), "sphere": (0.0005, 0.002, 0.004)}
 """How far palm spheres may be off the surface, tried one after another: locked wrists cannot make palms perfectly flush.
 A cost does the rest; a cylinder would roll between palms of which only one pair of spheres touches. Large spheres slip where
 more is demanded (trial 1 of `benchmarks.pickup --shape sphere --seed 1`): why is not known."""
