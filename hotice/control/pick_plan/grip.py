@@ -14,6 +14,8 @@ from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
 GRASP_ABOVE_CENTRE_M = 0.055  # the object hangs from the palms: the higher they hold it, the less it tilts
+SPHERE_BELOW_M = 0.02
+"""Spheres are held that much below their centre, so that the palms also bear: palms above it press a sphere out downwards."""
 HIGHEST_GRASP_M = 1.03
 GRIP_AHEAD_M = 0.04
 TOE_IN_M = 0.0025
@@ -53,7 +55,7 @@ class Grip:
     def __post_init__(self) -> None:
         half, box, support = self.carried.half_extents_m, self.carried.shape == "box", self.support
         room = min(GRASP_ABOVE_CENTRE_M, half[2] - 0.05, HIGHEST_GRASP_M - support.top_m - half[2])
-        above = 0.0 if self.carried.shape == "sphere" else max(room, 0.02)
+        above = -min(SPHERE_BELOW_M, half[2] - 0.09) if self.carried.shape == "sphere" else max(room, 0.02)
         behind = min(-GRIP_AHEAD_M, PALM_REACH_M - half[0])
         carry = solve_carry(self.carried, grasp_height_m=above)
         p = carry.object_pos_W
