@@ -104,14 +104,16 @@ class KeyframeSolver:
             self._demand.low(ik)
         elif carried.shape != "box":
             ik.point("pelvis", np.zeros(3), [0.0, 0.0, 0.7], [0.0, 0.0, 3.0], np.eye(3))
-        self._demand.palms(ik, grip.gaps_m(), off_m, 300.0 if carried.shape == "box" else 0.0)
+        box = carried.shape == "box"
+        self._demand.palms(ik, grip.gaps_m(), off_m, 300.0 if box else 0.0)
+        seen = [np.zeros(3), [AHEAD_M, 0.0, 0.0], *([] if box else [[0.0, 0.0, AHEAD_M]])]
         for i, link in enumerate(HANDS):
             place = pose.p_WO + pose.R_WO @ grip.place[i]
             reach = np.full(3, PALM_PLACE_M)
             ik.within(
                 link, self._demand.hand(i), -reach, reach, "palms at their places on the object", place, pose.R_WO
             )
-            for off in (np.zeros(3), [AHEAD_M, 0.0, 0.0], [0.0, 0.0, AHEAD_M]):
+            for off in seen:
                 ik.point(link, self._demand.hand(i) + off, frames.p[i] + frames.R[i] @ off, np.full(3, 100.0), pose.R_WO)
             ik.level(link, self._demand.hand(i), max(LEVEL_SINE, abs(float(frames.R[i, 2, 0]))), "level forearms")
         self._demand.chest(ik, self.terms)
