@@ -27,7 +27,7 @@ HOLD = (200.0, 40.0)
 PLACE_WEIGHT = np.array([10.0, 20.0, 10.0])
 YAW_WEIGHT = 4.0
 HEIGHT_WEIGHT, TURN_WEIGHT = 100.0, 20.0
-TRAVEL_WEIGHT = 0.1
+TRAVEL_WEIGHT = 0.3
 STARTS = ((0.0, 0.0, 0.0), (0.2, -0.1, 0.25), (0.5, -0.05, 0.0), (0.0, -0.25, 0.7), (0.3, -0.3, 0.8))
 """Lean [rad], drop of the pelvis [m] and half the bend of the knees [rad] to start the grasp from."""
 
