@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hotice.control.pick_plan.drake_ik import KeyframeIk
 from hotice.control.pick_plan.drake_robot import DrakeRobot
-from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M
+from hotice.control.pick_plan.grip import GRIP_AHEAD_M, PALM_POINTS_M, PALM_RADIUS_M
 from hotice.control.pick_plan.task import CHEST_GAP_M, CHEST_M, COM_BOX_M, KNEE_ROOM_M, STEPPING_HEIGHT_M, PickTask
 from hotice.control.terms import PELVIS, Terms
 from hotice.model import g1
@@ -18,7 +18,7 @@ FEET = tuple(f"{side}_ankle_roll_link" for side in g1.SIDES)
 HANDS = tuple(f"{side}_wrist_yaw_link" for side in g1.SIDES)
 KNEES = tuple(f"{side}_knee_link" for side in g1.SIDES)
 SIGN = (1.0, -1.0)
-PALM_GAPS_M = {"box": (0.008,), "cylinder": (0.0005, 0.002, 0.004), "sphere": (0.004,)}
+PALM_GAPS_M = {"box": (0.008,), "cylinder": (0.0005, 0.002, 0.004), "sphere": (0.0005, 0.002, 0.004)}
 """How far palm spheres may be off the surface, tried one after another: locked wrists cannot make palms perfectly flush.
 A cost does the rest; a cylinder would roll between palms of which only one pair of spheres touches. Large spheres slip where
 more is demanded (trial 1 of `benchmarks.pickup --shape sphere --seed 1`): why is not known."""
@@ -48,7 +48,8 @@ class Demands:
         for i, link in enumerate(HANDS):
             for p_H, gap in zip(PALM_POINTS_M, gap_m, strict=True):
                 p_F, out = self.hand(i) + p_H, float(carried.half_extents_m[1]) + PALM_RADIUS_M + gap
-                aside = {"box": 0.0, "cylinder": p_H[0], "sphere": np.hypot(p_H[0], p_H[2])}[carried.shape]
+                ahead = p_H[0] - GRIP_AHEAD_M
+                aside = {"box": 0.0, "cylinder": ahead, "sphere": np.hypot(ahead, p_H[2])}[carried.shape]
                 plane, inf = (
                     SIGN[i] * np.sqrt(out**2 - aside**2),
                     np.inf,

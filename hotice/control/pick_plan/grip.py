@@ -14,12 +14,14 @@ from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
 GRASP_ABOVE_CENTRE_M = 0.055  # the object hangs from the palms: the higher they hold it, the less it tilts
+SPHERE_BELOW_M = 0.02
+"""Spheres are held that much below their centre, so that the palms also bear: palms above it press a sphere out downwards."""
 HIGHEST_GRASP_M = 1.03
 GRIP_AHEAD_M = 0.04
 TOE_IN_M = 0.0025
 WRIST_IN_RAD = 0.06
-"""Boxes are held between the front of the palms, whose rear stays off by this much: locked wrists cannot make palms perfectly
-flush, and which pair of palm spheres carries must be known, so that it can be put beside the centre of mass."""
+"""Objects are held between the front of the palms, whose rear stays off, boxes by this much: locked wrists cannot make palms
+perfectly flush, and which pair of palm spheres carries must be known, so that it can be put beside the centre of mass."""
 PALM_REACH_M = 0.16  # a palm further than this behind the near face is not asked for
 PALM_POINTS_M = np.array([[sx * 0.04, 0.0, sz * 0.025] for sx in (-1, 1) for sz in (-1, 1)])
 """Centres of the palm spheres in the hand frame; a test holds them to g1.xml."""
@@ -33,7 +35,7 @@ class Grip:
     """Of one object from one support.
 
     Attributes:
-        above_m: height of the palms above the object's centre. toe_m: (4,) gap between palm spheres and object at the grasp.
+        above_m: height of the palms above the object's centre.
         place: (2, 3) middle of the palms in O. carry: where it ends; wrist_pos: (6,) locked wrists [rad].
         rise_m: how far the object is lifted. steps_back: whether the support is in the way of lowering it to the carry state.
 
@@ -44,7 +46,6 @@ class Grip:
     support: Support
     above_m: float = field(init=False)
     grip_m: float = field(init=False)
-    toe_m: Array = field(init=False)
     place: Array = field(init=False)
     carry: CarryState = field(init=False)
     wrist_pos: Array = field(init=False)
@@ -54,15 +55,13 @@ class Grip:
     def __post_init__(self) -> None:
         half, box, support = self.carried.half_extents_m, self.carried.shape == "box", self.support
         room = min(GRASP_ABOVE_CENTRE_M, half[2] - 0.05, HIGHEST_GRASP_M - support.top_m - half[2])
-        above = 0.0 if self.carried.shape == "sphere" else max(room, 0.02)
-        grip = GRIP_AHEAD_M if box else 0.0
-        behind = min(-grip, PALM_REACH_M - half[0]) if box else 0.0
+        above = -min(SPHERE_BELOW_M, half[2] - 0.09) if self.carried.shape == "sphere" else max(room, 0.02)
+        behind = min(-GRIP_AHEAD_M, PALM_REACH_M - half[0])
         carry = solve_carry(self.carried, grasp_height_m=above)
         p = carry.object_pos_W
         found = {
             "above_m": above,
-            "grip_m": grip,
-            "toe_m": np.where(PALM_POINTS_M[:, 0] < 0, TOE_IN_M, 0.0) if box else np.zeros(4),
+            "grip_m": GRIP_AHEAD_M,
             "place": np.array([[behind, s * (half[1] + PALM_RADIUS_M), above] for s in (1.0, -1.0)]),
             "carry": carry,
             "wrist_pos": carry.wrist_pos + WRIST_IN_RAD * np.array([0, 0, -1.0, 0, 0, 1.0]) * box,
@@ -70,6 +69,18 @@ class Grip:
         }
         for name, value in found.items():
             object.__setattr__(self, name, value)
+
+    def gaps_m(self, off_m: float = 0.0) -> Array:
+        """(4,) between palm spheres and object where the front pair is `off_m` off it: the rear pair stays off by more.
+
+        Flat sides are met with the palms toed in. Beside round ones the palms are straight, and their front is at the widest.
+        """
+        if self.carried.shape == "box":
+            rear = off_m + TOE_IN_M
+        else:
+            radius = float(self.carried.half_extents_m[1]) + PALM_RADIUS_M
+            rear = float(np.hypot(radius + off_m, np.ptp(PALM_POINTS_M[:, 0]))) - radius
+        return np.where(PALM_POINTS_M[:, 0] < 0, rear, off_m)
 
 
 def ready_joints(carry: CarryState) -> Array:

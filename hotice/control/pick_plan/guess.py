@@ -46,59 +46,37 @@ class Guess:
         self.terms, self.task = terms, task
         self._pin = terms._pin
 
-    def grasp(self) -> Array:
-        """Palms on the object's sides, (27,)."""
-        t, task, grip = self.terms, self.task, self.task.grip
-        weight = posture_weights(ARM_WEIGHT)
+    def grasp_rows(self, p: Pose, stiff: float, turn: float) -> list[Rows]:
+        """Palms on the object's sides; `stiff`: weight of the palms' gaps, `turn`: of the pelvis' heading."""
+        task, grip = self.task, self.task.grip
         carried, pose = grip.carried, task.pose
+        chest, J = p.point(PELVIS, CHEST_M)
+        distance, normal = surface_distance(carried, (chest - pose.p_WO) @ pose.R_WO)
+        height, by_v = p.terms.p_WF[PELVIS, 2:3] - 0.7, p.terms.J_WF[PELVIS, 2:3]
+        return [
+            *self.stand_rows(p, 0.0, pose.p_WO),
+            *([_low(p)] if grip.steps_back else []),
+            (2.0 * height, 2.0 * by_v),
+            _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
+            p.palms(carried, pose, grip.gaps_m(), stiff),
+            p.hand_places(pose, grip.place, np.eye(3), 15.0),
+            p.hand_pitch(0.0, 2.0),
+            p.pelvis_turn(np.array([0.0, 0.1, task.yaw]), np.array([6.0, 1.0, turn])),
+            hinge(distance - CHEST_GAP_M, np.einsum("kc,kcv->kv", normal @ pose.R_WO.T, J), 100.0),
+        ]
 
-        def rows(stiff: float, turn: float) -> Callable[[Pose], list[Rows]]:
-            def at(p: Pose) -> list[Rows]:
-                chest, J = p.point(PELVIS, CHEST_M)
-                distance, normal = surface_distance(carried, (chest - pose.p_WO) @ pose.R_WO)
-                height, by_v = p.terms.p_WF[PELVIS, 2:3] - 0.7, p.terms.J_WF[PELVIS, 2:3]
-                return [
-                    *self._stand(p, 0.0, pose.p_WO),
-                    *([_low(p)] if grip.steps_back else []),
-                    *(
-                        [] if carried.shape == "box" else [(3.0 * height, 3.0 * by_v)]
-                    ),  # no deep squat before round ones
-                    _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
-                    p.palms(carried, pose, grip.toe_m, stiff),
-                    p.hand_places(pose, grip.place, np.eye(3), 15.0),
-                    p.hand_pitch(0.0, 2.0),
-                    p.pelvis_turn(np.array([0.0, 0.1, task.yaw]), np.array([6.0, 1.0, turn])),
-                    hinge(distance - CHEST_GAP_M, np.einsum("kc,kcv->kv", normal @ pose.R_WO.T, J), 100.0),
-                ]
-
-            return at
-
-        best, cost = task.q_start, np.inf
-        nominal = np.concatenate([task.q_start[:7], grip.carry.joint_pos])
-        for lean, drop, bend in STARTS:
-            x = np.zeros(NV)
-            x[2], x[4] = drop, lean
-            for first in (6, 12):
-                x[first], x[first + 3], x[first + 4] = -bend - lean, 2.0 * bend, -bend
-            q = self._solve(nominal, grip.carry.joint_pos, weight, rows(12.0, 2.0), start=x)
-            x = self._pin.difference(t.model, nominal, q)
-            q = self._solve(nominal, grip.carry.joint_pos, weight, rows(300.0, 0.3), start=x)
-            now = sum(float(r @ r) for r, _ in rows(300.0, 0.3)(Pose(t)))
-            if now < cost:
-                best, cost = q, now
-            if cost < GOOD_COST:
-                break
-        return best
+    def joint_bounds(self) -> tuple[Array, Array]:
+        """Limits of the joints less a margin, (20,) each."""
+        return self.terms.lower + JOINT_MARGIN_RAD, self.terms.upper - JOINT_MARGIN_RAD
 
     def pregrasp(self, grasp: Array, p_OH: Array) -> Array:
         """As the grasp, with the palms off the object by `PREGRASP_GAP_M`; p_OH (2, 3) are the hands at the grasp, in O."""
         grip, pose, before = self.task.grip, self.task.pose, self._before(grasp)
 
         def rows(p: Pose) -> list[Rows]:
-            gap = PREGRASP_GAP_M + grip.toe_m
             return [
                 *before(p),
-                p.palms(grip.carried, pose, gap, 50.0),
+                p.palms(grip.carried, pose, grip.gaps_m(PREGRASP_GAP_M), 50.0),
                 p.hand_places(pose, p_OH, np.eye(3)[[0, 2]], 15.0),
             ]
 
@@ -117,7 +95,7 @@ class Guess:
         low = self.task.grip.steps_back and at is self.task.lifted
 
         def rows(p: Pose) -> list[Rows]:
-            found = self._stand(p, self.task.grip.carried.mass_kg, at.p_WO)
+            found = self.stand_rows(p, self.task.grip.carried.mass_kg, at.p_WO)
             for i in range(2):
                 found.append(p.frame(LEFT_HAND + i, hands.p[i], hands.R[i], (200.0, 40.0)))
             found.append(p.pelvis_turn(rpy, np.array([2.0, 1.0, 1.0])))
@@ -137,7 +115,7 @@ class Guess:
 
         def rows(p: Pose) -> list[Rows]:
             t = self.terms
-            found = self._stand(p, task.grip.carried.mass_kg, task.final.p_WO)
+            found = self.stand_rows(p, task.grip.carried.mass_kg, task.final.p_WO)
             (left, right), (J_left, J_right) = t.p_WF[HANDS], t.J_WF[HANDS, :3]
             found.append((200.0 * (left - right - apart), 200.0 * (J_left - J_right)))
             found.append((soft * (0.5 * (left + right) - middle), soft[:, None] * 0.5 * (J_left + J_right)))
@@ -159,7 +137,7 @@ class Guess:
         pelvis = t.p_WF[PELVIS].copy(), t.R_WF[PELVIS].copy()
 
         def rows(p: Pose) -> list[Rows]:
-            found = [*self._stand(p, 0.0, task.pose.p_WO), p.frame(PELVIS, *pelvis, (10.0, 10.0))]
+            found = [*self.stand_rows(p, 0.0, task.pose.p_WO), p.frame(PELVIS, *pelvis, (10.0, 10.0))]
             for hand in (LEFT_HAND, RIGHT_HAND):
                 tips, J = p.point(hand, TIPS_M)
                 found.append(hinge(tips[:, 2] - task.grip.support.top_m - TIPS_ABOVE_M, J[:, 2], 50.0))
@@ -167,7 +145,7 @@ class Guess:
 
         return rows
 
-    def _stand(self, p: Pose, load: float, p_WO: Array) -> list[Rows]:
+    def stand_rows(self, p: Pose, load: float, p_WO: Array) -> list[Rows]:
         feet, near = self.task.feet, self.task.grip.support.near_m
         com, J = p.com(np.zeros(2), 1.0, load, p_WO)
         knees = [p.point_of_joint(f"{side}_knee_joint") for side in g1.SIDES]

@@ -22,6 +22,7 @@ from hotice.control.pick_plan.task import (
     PickTask,
     frames_at,
 )
+from hotice.control.pick_plan.together import grasp_and_carry
 from hotice.control.terms import PELVIS, Terms
 from hotice.errors import PickInfeasible
 from hotice.model import g1
@@ -62,7 +63,8 @@ class KeyframeSolver:
     def solve(self) -> Keyframes:
         """All five."""
         task, guess = self.task, self._guess
-        grasp = self._grasp(guess.grasp())
+        both = grasp_and_carry(guess)
+        grasp = self._grasp(both.grasp)
         hands = frames_at(self.terms, grasp)
         pelvis = self.terms.p_WF[PELVIS].copy()
         p_OH = (hands.p - task.pose.p_WO) @ task.pose.R_WO
@@ -74,13 +76,10 @@ class KeyframeSolver:
         lifted = self._held(
             guessed, grasp[7:], up, task.lifted, grasp[3:7], 0.5, (LIFTED_M, LIFTED_RAD), "lifting the object"
         )
-        guessed = guess.carried(hands)
-        found = frames_at(self.terms, guessed)
-        at = ObjectPose(p_WO=found.p.mean(axis=0) - task.final.R_WO @ p_OH.mean(axis=0), R_WO=task.final.R_WO)
-        low = hands.carried_along(task.pose, at)
+        low = hands.carried_along(task.pose, both.at)
         carry = task.grip.carry
         end = self._held(
-            guessed, carry.joint_pos, low, at, np.roll(carry.quat_WP, -1), 0.3, (CARRY_M, CARRY_RAD), "the carry state",
+            both.carry, carry.joint_pos, low, both.at, np.roll(carry.quat_WP, -1), 0.3, (CARRY_M, CARRY_RAD), "the carry state",
             pelvis_m=float(carry.root_pos_W[2]),
         )  # fmt: skip
         return Keyframes(crouch=crouch, pregrasp=pregrasp, grasp=grasp, lifted=lifted, carry=end, hands=hands)
@@ -105,14 +104,17 @@ class KeyframeSolver:
             self._demand.low(ik)
         elif carried.shape != "box":
             ik.point("pelvis", np.zeros(3), [0.0, 0.0, 0.7], [0.0, 0.0, 3.0], np.eye(3))
-        self._demand.palms(ik, grip.toe_m, off_m, 300.0)
+        box = carried.shape == "box"
+        self._demand.palms(ik, grip.gaps_m(), off_m, 300.0 if box else 0.0)
+        seen = [np.zeros(3), [AHEAD_M, 0.0, 0.0], *([] if box else [[0.0, 0.0, AHEAD_M]])]
         for i, link in enumerate(HANDS):
             place = pose.p_WO + pose.R_WO @ grip.place[i]
             reach = np.full(3, PALM_PLACE_M)
             ik.within(
                 link, self._demand.hand(i), -reach, reach, "palms at their places on the object", place, pose.R_WO
             )
-            ik.point(link, self._demand.hand(i), place, np.full(3, 15.0), pose.R_WO)
+            for off in seen:
+                ik.point(link, self._demand.hand(i) + off, frames.p[i] + frames.R[i] @ off, np.full(3, 100.0), pose.R_WO)
             ik.level(link, self._demand.hand(i), max(LEVEL_SINE, abs(float(frames.R[i, 2, 0]))), "level forearms")
         self._demand.chest(ik, self.terms)
         quat = quat_mul(quat_from_yaw(task.yaw), quat_from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.1)))
@@ -139,7 +141,7 @@ class KeyframeSolver:
             ready = np.concatenate([grasp[7:19], ready_joints(grip.carry)[g1.UPPER]])
             ik.posture(ready, posture_weights(1.0))
             return ik.solve(guess, "no way to crouch before the object")
-        self._demand.palms(ik, PREGRASP_GAP_M + grip.toe_m, PALM_GAPS_M[grip.carried.shape][-1], 50.0)
+        self._demand.palms(ik, grip.gaps_m(PREGRASP_GAP_M), PALM_GAPS_M[grip.carried.shape][-1], 50.0)
         for i, link in enumerate(HANDS):
             place = task.pose.p_WO + task.pose.R_WO @ p_OH[i]
             ik.point(link, self._demand.hand(i), place, [15.0, 0.0, 15.0], task.pose.R_WO)

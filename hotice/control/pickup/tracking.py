@@ -17,7 +17,9 @@ from hotice.model.objects import CarriedObject
 Array = NDArray[np.float64]
 STANDING_N = 400.0
 TURN_N_M, TURN_NS_M = 1500.0, 60.0
-ROLL_NM, ROLL_NMS = 40.0, 1.0
+ROLL_NM, ROLL_NMS = np.array([5.0, 40.0, 40.0]), 1.0
+"""Stiffness of palms on round sides about the axes of the hand: soft about x, because a pair of palm spheres, one above the other,
+aligns itself; a stiff palm loads one of the two, about which the object then swings."""
 
 
 class Tracking:
@@ -91,4 +93,4 @@ class Tracking:
                 E = ref.R_WF[f] @ R.T
                 off = 0.5 * np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
                 spin = ref.v_WF[f, 3:] - true.v_WF[f, 3:]
-                k.hand_moment_W[hand] -= memory.load_share * (ROLL_NM * off + ROLL_NMS * spin)
+                k.hand_moment_W[hand] -= memory.load_share * (R @ (ROLL_NM * (R.T @ off)) + ROLL_NMS * spin)
