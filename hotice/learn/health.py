@@ -43,8 +43,9 @@ def check_physics(diverged: int, num_envs: int, update: int, run: Path) -> None:
         )
 
 
-def check_tensors(path: Path, tensors: Mapping[str, Tensor]) -> None:
-    """Raises `CheckpointError` when networks read from `path` are not finite."""
-    name = first_not_finite(tensors)
+def check_weights(path: Path, tensors: Mapping[str, Tensor]) -> None:
+    """Raises `CheckpointError` when networks, or their average, among the tensors of a checkpoint are not finite."""
+    weights = {k.removeprefix("net."): v for k, v in tensors.items() if k.startswith(("net.", "average."))}
+    name = first_not_finite(weights)
     if name is not None:
         raise CheckpointError(f"{path}: {name} is not finite: the run had diverged, take an older checkpoint")

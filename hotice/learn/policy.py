@@ -15,7 +15,7 @@ from hotice.errors import CheckpointError, UnknownName
 from hotice.files import write_bytes
 from hotice.learn.average import averaged
 from hotice.learn.checkpoint import load_checkpoint
-from hotice.learn.health import check_tensors
+from hotice.learn.health import check_weights
 from hotice.learn.networks import ActorCritic
 from hotice.policies import policy_file
 from hotice.policies.policy_file import (
@@ -100,8 +100,8 @@ def torch_policy(path: Path) -> TorchPolicy:
             get_preset(config["preset"]).agents, obs, critic, config["hidden"], config["critic_hidden"],
             tuple(config["init_std"]),
         )  # fmt: skip
+        check_weights(path, tensors)
         weights = {k.removeprefix("net."): v for k, v in averaged(tensors).items() if k.startswith("net.")}
-        check_tensors(path, weights)
         net.load_state_dict(weights)
         described = policy_meta(meta)
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:

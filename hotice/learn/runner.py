@@ -26,7 +26,7 @@ from hotice.learn.curriculum import SceneCurriculum, Stages
 from hotice.learn.dual_ppo import DualPpo
 from hotice.learn.failures import ran_out_of_memory
 from hotice.learn.gae import gae
-from hotice.learn.health import check_network, check_physics, check_tensors
+from hotice.learn.health import check_network, check_physics, check_weights
 from hotice.learn.learner import Learner
 from hotice.learn.networks import ActorCritic
 from hotice.learn.progress import Progress
@@ -260,6 +260,7 @@ class Runner:
         """
         tensors, meta = load_checkpoint(path, self.env.device)
         with _same_version(path):
+            check_weights(path, tensors)
             tensors, meta = self._widened(averaged(tensors), meta)
             self._load_net(path, tensors, meta)
             if kind_of(meta) == self.algo.kind:
@@ -287,7 +288,7 @@ class Runner:
 
     def _load_net(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         self._check_fit(path, meta)
-        check_tensors(path, {k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
+        check_weights(path, tensors)
         try:
             self.net.load_state_dict({k.removeprefix("net."): v for k, v in tensors.items() if k.startswith("net.")})
         except RuntimeError as error:
