@@ -57,8 +57,8 @@ class Budget:
     num_envs: int = 1024
 
 
-BUDGETS: Mapping[str, Budget] = {"small": Budget(rollouts=100, updates=160), "paper": Budget(rollouts=1000, updates=0)}
-"""Small: 3.9 M steps a policy, the same for each. Paper: 1,000 trials a scene of policies that are given."""
+BUDGETS: Mapping[str, Budget] = {"small": Budget(rollouts=100, updates=120), "paper": Budget(rollouts=1000, updates=0)}
+"""Small: 2.9 M steps a policy, the same for each. Paper: 1,000 trials a scene of policies that are given."""
 
 
 @dataclass(frozen=True, kw_only=True)
