@@ -20,7 +20,7 @@ class Durations:
     reach_s: float = 1.5
     close_s: float = 1.0
     lift_s: float = 1.8
-    retreat_s: float = 4.5
+    retreat_s: float = 6.5
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

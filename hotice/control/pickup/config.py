@@ -24,7 +24,7 @@ class PickupConfig:
     """Longest wait for both hands to feel the object."""
     squeeze_s: float = 1.0
     lift_s: float = 1.8
-    retreat_s: float = 4.5
+    retreat_s: float = 6.5
     open_s: float = 1.0
     stand_s: float = 2.5
     squeeze_n: tuple[float, float] = (45.0, 60.0)
