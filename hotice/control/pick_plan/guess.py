@@ -26,7 +26,7 @@ from hotice.control.pick_plan.task import (
     ObjectPose,
     PickTask,
 )
-from hotice.control.terms import HANDS, LEFT_FOOT, LEFT_HAND, NV, PELVIS, RIGHT_HAND, Terms
+from hotice.control.terms import LEFT_FOOT, LEFT_HAND, NV, PELVIS, RIGHT_HAND, Terms
 from hotice.model import g1
 from hotice.model.carry import surface_distance
 from hotice.model.least_squares import minimize
@@ -34,13 +34,10 @@ from hotice.model.least_squares import minimize
 Array = NDArray[np.float64]
 LEG_WEIGHT, ARM_WEIGHT = 0.02, 0.05
 JOINT_MARGIN_RAD = 0.03
-STARTS = ((0.0, 0.0, 0.0), (0.2, -0.1, 0.25), (0.5, -0.05, 0.0), (0.0, -0.25, 0.7), (0.3, -0.3, 0.8))
-"""Lean [rad], drop of the pelvis [m] and half the bend of the knees [rad] to start the grasp from, until one is good."""
-GOOD_COST = 0.5
 
 
 class Guess:
-    """Guesses for one task; `terms` serve as scratch."""
+    """Guesses for one task; `terms` serve as scratch. That of grasp and carry state is in `together`."""
 
     def __init__(self, terms: Terms, task: PickTask) -> None:
         self.terms, self.task = terms, task
@@ -56,7 +53,7 @@ class Guess:
         return [
             *self.stand_rows(p, 0.0, pose.p_WO),
             *([_low(p)] if grip.steps_back else []),
-            (2.0 * height, 2.0 * by_v),
+            (2.0 * height, 2.0 * by_v),  # no deep squat
             _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
             p.palms(carried, pose, grip.gaps_m(), stiff),
             p.hand_places(pose, grip.place, np.eye(3), 15.0),
@@ -103,32 +100,6 @@ class Guess:
 
         return self._solve(start, posture, posture_weights(arms), rows)
 
-    def carried(self, hands: Frames) -> Array:
-        """The end: pelvis and legs of the carry state, from which carrying controllers take over.
-
-        The object is level, held as at the grasp, and as near to its place in the carry state as the arms can have it.
-        """
-        task, carry = self.task, self.task.grip.carry
-        wish = hands.carried_along(task.pose, task.final)
-        middle, apart = wish.p.mean(axis=0), wish.p[0] - wish.p[1]
-        soft, height = np.array([5.0, 60.0, 5.0]), carry.root_pos_W[2]
-
-        def rows(p: Pose) -> list[Rows]:
-            t = self.terms
-            found = self.stand_rows(p, task.grip.carried.mass_kg, task.final.p_WO)
-            (left, right), (J_left, J_right) = t.p_WF[HANDS], t.J_WF[HANDS, :3]
-            found.append((200.0 * (left - right - apart), 200.0 * (J_left - J_right)))
-            found.append((soft * (0.5 * (left + right) - middle), soft[:, None] * 0.5 * (J_left + J_right)))
-            for i in range(2):
-                r, J = p.frame(LEFT_HAND + i, t.p_WF[LEFT_HAND + i], wish.R[i], (0.0, 40.0))
-                found.append((r[3:], J[3:]))
-            found.append((100.0 * (t.p_WF[PELVIS, 2:3] - height), 100.0 * t.J_WF[PELVIS, 2:3]))
-            found.append(p.pelvis_turn(np.zeros(3), np.full(3, 20.0)))
-            return found
-
-        start = np.concatenate([carry.root_pos_W, np.roll(carry.quat_WP, -1), carry.joint_pos])
-        return self._solve(start, carry.joint_pos, posture_weights(0.3), rows)
-
     def _before(self, grasp: Array) -> Callable[[Pose], list[Rows]]:
         """Before the grasp: the pelvis as then, hands above the support."""
         t, task = self.terms, self.task
@@ -146,6 +117,7 @@ class Guess:
         return rows
 
     def stand_rows(self, p: Pose, load: float, p_WO: Array) -> list[Rows]:
+        """Feet where they are, knees off the support, a load [kg] at p_WO (3,) balanced."""
         feet, near = self.task.feet, self.task.grip.support.near_m
         com, J = p.com(np.zeros(2), 1.0, load, p_WO)
         knees = [p.point_of_joint(f"{side}_knee_joint") for side in g1.SIDES]

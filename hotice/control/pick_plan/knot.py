@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.control.pick_plan.grip import PALM_POINTS_M
-from hotice.control.pick_plan.kinematics import NX, OUT, kinematics, rotation
+from hotice.control.pick_plan.kinematics import NX, OUT, kinematics
 from hotice.control.pick_plan.task import TIPS_M
 
 if TYPE_CHECKING:
@@ -23,13 +23,13 @@ STANDING = {"wrists": 6, "feet_p": 6, "feet_R": 18, "wish": NX, "weight": NX}
 FREE = STANDING | {"object_p": 3, "side": 3}
 """`wish`, `weight`: where x is pulled and how much. `object_p`, `side`: the object's centre and its lateral axis."""
 HOLDING = STANDING | {"left_p": 3, "left_R": 9, "right_in_left_p": 3, "right_in_left_R": 9, "middle": 3, "middle_weight": 3,
-                      "load": 1, "off": 3}  # fmt: skip
+                      "load": 1, "off": 2}  # fmt: skip
 """`left_*`: wished left hand; `right_in_left_*`: the right one seen from it; `middle`: wished middle of the hands.
-`load`: the object's share of the total mass; `off`: its centre from the middle of the hands."""
+`load`: the object's share of the total mass; `off`: its centre, horizontally, from the middle of the hands."""
 ROWS_STANDING = ("foot on the floor",) * 12 + ("centre of mass over the feet",) * 2 + ("knees off the support",) * 2
 ROWS_FREE = (*ROWS_STANDING, *("hands above the support",) * 4, *("palms beside the object",) * 8)
 ROWS_HOLDING = (*ROWS_STANDING, *("hold of the object",) * 6, *("object upright",) * 3, *("object on its way",) * 3,
-                "pelvis low enough to step", "object off the chest")  # fmt: skip
+                "pelvis low enough to step")  # fmt: skip
 TURN_WEIGHT = 40.0
 
 
@@ -61,15 +61,14 @@ def holding() -> tuple[casadi.Function, casadi.Function]:
     out = _out(x, part["wrists"])
     (left, right), (R_left, R_right) = _hands(out)
     middle = 0.5 * (left + right)
-    com = (1.0 - part["load"]) * out["com"][:2] + part["load"] * (middle + part["off"])[:2]
+    com = (1.0 - part["load"]) * out["com"][:2] + part["load"] * (middle[:2] + part["off"])
     hold = cs.vertcat(
         R_left.T @ (right - left) - part["right_in_left_p"],
         _turn(R_left.T @ R_right, cs.reshape(part["right_in_left_R"], 3, 3)),
     )
     upright = _turn(R_left, cs.reshape(part["left_R"], 3, 3))
     way = middle - part["middle"]
-    before = cs.dot(rotation(cs, x[3:6])[:, 0], middle + part["off"] - x[:3])
-    hard = cs.vertcat(_feet(out, part), com, out["knees_p"][0], out["knees_p"][3], hold, upright, way, x[2], before)
+    hard = cs.vertcat(_feet(out, part), com, out["knees_p"][0], out["knees_p"][3], hold, upright, way, x[2])
     soft = cs.vertcat(part["weight"] * (x - part["wish"]), com, part["middle_weight"] * way, TURN_WEIGHT * upright)
     return _function("soft_holding", x, theta, soft), _function("hard_holding", x, theta, hard)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hotice.control.pick_plan.guess import ARM_WEIGHT, Guess, posture_weights
 from hotice.control.pick_plan.rows import Pose, Rows
-from hotice.control.pick_plan.task import ObjectPose
+from hotice.control.pick_plan.task import Frames, ObjectPose
 from hotice.control.terms import HANDS, LEFT_HAND, NV, PELVIS
 from hotice.model import g1
 from hotice.model.frames import quat_from_yaw
@@ -23,18 +23,23 @@ from hotice.model.least_squares import minimize
 Array = NDArray[np.float64]
 N = 2 * NV + 4
 GRASP, CARRY, PLACE, YAW = slice(0, NV), slice(NV, 2 * NV), slice(2 * NV, 2 * NV + 3), 2 * NV + 3
+"""The unknowns: increments of both configurations, the carried object off its place [m], its yaw [rad]."""
+ARMS = slice(6 + g1.UPPER.start, 6 + g1.UPPER.stop)
 HOLD = (200.0, 40.0)
-PLACE_WEIGHT = np.array([10.0, 20.0, 10.0])
-YAW_WEIGHT = 4.0
-HEIGHT_WEIGHT, TURN_WEIGHT = 100.0, 20.0
+PLACE_WEIGHT, YAW_WEIGHT = np.array([10.0, 20.0, 10.0]), 4.0
+HEIGHT_WEIGHT, TURN_WEIGHT, POSTURE_WEIGHT = 100.0, 20.0, 0.3
 TRAVEL_WEIGHT = 0.3
+"""Of how far the arms are at the grasp from where they are in the carry state: between stretched and bent arms the retreat has to
+turn the body aside."""
 STARTS = ((0.0, 0.0, 0.0), (0.2, -0.1, 0.25), (0.5, -0.05, 0.0), (0.0, -0.25, 0.7), (0.3, -0.3, 0.8))
 """Lean [rad], drop of the pelvis [m] and half the bend of the knees [rad] to start the grasp from."""
+ROUGH, EXACT = (12.0, 2.0), (300.0, 0.3)
+"""Weights of palms and of the pelvis' heading at the grasp: first to get near, then to touch."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Together:
-    """Grasp and carry (27,), and where the object is in the latter."""
+    """Grasp and carry state (27,), where the object is in the latter, and what they cost."""
 
     grasp: Array
     carry: Array
@@ -44,83 +49,91 @@ class Together:
 
 def grasp_and_carry(guess: Guess) -> Together:
     """The best over `STARTS`."""
-    return min((_from(guess, *start) for start in STARTS), key=lambda found: found.cost)
+    problem = _Problem(guess)
+    return min((problem.solve(*start) for start in STARTS), key=lambda found: found.cost)
 
 
-def _from(guess: Guess, lean: float, drop: float, bend: float) -> Together:
-    t, task, pin = guess.terms, guess.task, guess.terms._pin
-    carry = task.grip.carry
-    nominal = np.concatenate([task.q_start[:7], carry.joint_pos])
-    end = np.concatenate([carry.root_pos_W, np.roll(carry.quat_WP, -1), carry.joint_pos])
-    margin = guess.joint_bounds()
-    low = np.concatenate([np.full(6, -1.5), margin[0] - nominal[7:], np.full(6, -1.5), margin[0] - end[7:], [-0.5] * 4])
-    high = np.concatenate([np.full(6, 1.5), margin[1] - nominal[7:], np.full(6, 1.5), margin[1] - end[7:], [0.5] * 4])
-    pose, eye = Pose(t), np.eye(NV)[6:]
-    light, end_weight = posture_weights(ARM_WEIGHT), posture_weights(0.3)
-    arms = g1.UPPER
-    t.v[:] = 0.0
+class _Problem:
+    def __init__(self, guess: Guess) -> None:
+        task, carry = guess.task, guess.task.grip.carry
+        self.guess, self.task, self.terms, self.pin = guess, task, guess.terms, guess.terms._pin
+        self.wish = carry.joint_pos
+        self.grasp = np.concatenate([task.q_start[:7], self.wish])
+        self.carry = np.concatenate([carry.root_pos_W, np.roll(carry.quat_WP, -1), self.wish])
+        self.pose = Pose(self.terms)
 
-    def at(x: Array, configuration: slice, base: Array) -> Array:
-        t.q[:] = pin.integrate(t.model, base, x[configuration])
+    def solve(self, lean: float, drop: float, bend: float) -> Together:
+        x, (lower, upper) = np.zeros(N), self.guess.joint_bounds()
+        x[2], x[4] = drop, lean
+        for first in (6, 12):
+            x[first], x[first + 3], x[first + 4] = -bend - lean, 2.0 * bend, -bend
+        six, four = np.full(6, 1.5), np.full(4, 0.5)
+        low = np.concatenate([-six, lower - self.wish, -six, lower - self.wish, -four])
+        high = np.concatenate([six, upper - self.wish, six, upper - self.wish, four])
+        self.terms.v[:] = 0.0
+        for weights in (ROUGH, EXACT):
+            x = minimize(lambda v, w=weights: self.rows(v, *w), x, low, high, max_steps=120, step_tolerance=1e-5)
+        r, _ = self.rows(x, *EXACT)
+        return Together(
+            grasp=self._at(self.grasp, x[GRASP])[0], carry=self._at(self.carry, x[CARRY])[0], at=self._object(x),
+            cost=float(r @ r),
+        )  # fmt: skip
+
+    def rows(self, x: Array, stiff: float, turn: float) -> Rows:
+        """Residuals and their Jacobian (R, N)."""
+        t, task, p = self.terms, self.task, self.pose
+        _, by_x = self._at(self.grasp, x[GRASP])
+        found = [
+            _wide(row, GRASP, by_x)
+            for row in [*self.guess.grasp_rows(p, stiff, turn), self._posture(posture_weights(ARM_WEIGHT))]
+        ]
+        hands = Frames(p=t.p_WF[HANDS].copy(), R=t.R_WF[HANDS].copy())
+        J_hands, joints = t.J_WF[HANDS] @ by_x, t.q[7:].copy()
+        _, by_x = self._at(self.carry, x[CARRY])
+        at, height = self._object(x), HEIGHT_WEIGHT * (t.p_WF[PELVIS, 2:3] - self.carry[2])
+        found += [
+            _wide(row, CARRY, by_x)
+            for row in [
+                *self.guess.stand_rows(p, task.grip.carried.mass_kg, at.p_WO), (height, HEIGHT_WEIGHT * t.J_WF[PELVIS, 2:3]),
+                p.pelvis_turn(np.zeros(3), np.full(3, TURN_WEIGHT)), self._posture(posture_weights(POSTURE_WEIGHT)),
+            ]
+        ]  # fmt: skip
+        found += [self._hold(i, hands, J_hands[i], at, by_x) for i in range(2)]
+        travel = np.zeros((8, N))
+        travel[:, CARRY], travel[:, GRASP] = TRAVEL_WEIGHT * np.eye(NV)[ARMS], -TRAVEL_WEIGHT * np.eye(NV)[ARMS]
+        found.append((TRAVEL_WEIGHT * (t.q[7:] - joints)[g1.UPPER], travel))
+        weight = np.append(PLACE_WEIGHT, YAW_WEIGHT)
+        found.append((weight * x[2 * NV :], np.hstack([np.zeros((4, 2 * NV)), np.diag(weight)])))
+        return np.concatenate([r for r, _ in found]), np.concatenate([J for _, J in found])
+
+    def _hold(self, hand: int, hands: Frames, J_grasp: Array, at: ObjectPose, by_x: Array) -> Rows:
+        """A hand of the carry state is where the object takes that of the grasp, 6 rows."""
+        turn, up, (far, bent) = at.R_WO @ self.task.pose.R_WO.T, np.array([0.0, 0.0, 1.0]), HOLD
+        off = turn @ (hands.p[hand] - self.task.pose.p_WO)
+        r, J = _wide(self.pose.frame(LEFT_HAND + hand, at.p_WO + off, turn @ hands.R[hand], HOLD), CARRY, by_x)
+        J[:3, GRASP], J[3:, GRASP] = -far * turn @ J_grasp[:3], -bent * turn @ J_grasp[3:]
+        J[:3, PLACE], J[:3, YAW], J[3:, YAW] = -far * np.eye(3), -far * np.cross(up, off), -bent * up
+        return r, J
+
+    def _posture(self, weight: Array) -> Rows:
+        J = np.zeros((20, NV))
+        J[:, 6:] = np.diag(weight)
+        return weight * (self.terms.q[7:] - self.wish), J
+
+    def _object(self, x: Array) -> ObjectPose:
+        return ObjectPose.of(self.task.final.p_WO + x[PLACE], quat_from_yaw(float(x[YAW])))
+
+    def _at(self, nominal: Array, x: Array) -> tuple[Array, Array]:
+        """Puts `terms` at `nominal` (27,) moved by x (26,); returns that configuration and dv/dx (26, 26)."""
+        t = self.terms
+        t.q[:] = self.pin.integrate(t.model, nominal, x)
         t.refresh()
-        return pin.dIntegrate(t.model, base, x[configuration], pin.ARG1)
+        return t.q.copy(), self.pin.dIntegrate(t.model, nominal, x, self.pin.ARG1)
 
-    def residual(x: Array, stiff: float, turn: float) -> Rows:
-        r: list[Array] = []
-        J: list[Array] = []
 
-        def add(rows: list[Rows], columns: slice, by_x: Array) -> None:
-            for value, by_v in rows:
-                wide = np.zeros((len(value), N))
-                wide[:, columns] = by_v @ by_x
-                r.append(value)
-                J.append(wide)
-
-        by_x = at(x, GRASP, nominal)
-        joints = np.zeros((20, NV))
-        joints[:, 6:] = np.diag(light)
-        add([*guess.grasp_rows(pose, stiff, turn), (light * (t.q[7:] - carry.joint_pos), joints)], GRASP, by_x)
-        p, R, J_hand = t.p_WF[HANDS].copy(), t.R_WF[HANDS].copy(), t.J_WF[HANDS] @ by_x
-        q_arms = t.q[7:][arms].copy()
-        by_x = at(x, CARRY, end)
-        place, yaw = task.final.p_WO + x[PLACE], float(x[YAW])
-        object_ = ObjectPose.of(place, quat_from_yaw(yaw))
-        joints = np.zeros((20, NV))
-        joints[:, 6:] = np.diag(end_weight)
-        height = (HEIGHT_WEIGHT * (t.p_WF[PELVIS, 2:3] - carry.root_pos_W[2]), HEIGHT_WEIGHT * t.J_WF[PELVIS, 2:3])
-        add([
-            *guess.stand_rows(pose, task.grip.carried.mass_kg, place), height,
-            pose.pelvis_turn(np.zeros(3), np.full(3, TURN_WEIGHT)), (end_weight * (t.q[7:] - carry.joint_pos), joints),
-        ], CARRY, by_x)  # fmt: skip
-        Q, up = object_.R_WO @ task.pose.R_WO.T, np.array([0.0, 0.0, 1.0])
-        for i in range(2):
-            off = Q @ (p[i] - task.pose.p_WO)
-            value, by_v = pose.frame(LEFT_HAND + i, place + off, Q @ R[i], HOLD)
-            wide = np.zeros((6, N))
-            wide[:, CARRY] = by_v @ by_x
-            wide[:3, GRASP], wide[3:, GRASP] = -HOLD[0] * Q @ J_hand[i, :3], -HOLD[1] * Q @ J_hand[i, 3:]
-            wide[:3, PLACE], wide[:3, YAW], wide[3:, YAW] = -HOLD[0] * np.eye(3), -HOLD[0] * np.cross(up, off), -HOLD[1] * up
-            r.append(value)
-            J.append(wide)
-        wide = np.zeros((8, N))
-        wide[:, CARRY] = TRAVEL_WEIGHT * np.eye(NV)[6:][arms] @ by_x
-        wide[:, GRASP] = -TRAVEL_WEIGHT * np.eye(NV)[6:][arms]
-        r.append(TRAVEL_WEIGHT * (t.q[7:][arms] - q_arms))
-        J.append(wide)
-        wide = np.zeros((4, N))
-        wide[:3, PLACE], wide[3, YAW] = np.diag(PLACE_WEIGHT), YAW_WEIGHT
-        r.append(np.append(PLACE_WEIGHT * x[PLACE], YAW_WEIGHT * yaw))
-        J.append(wide)
-        return np.concatenate(r), np.concatenate(J)
-
-    x = np.zeros(N)
-    x[2], x[4] = drop, lean
-    for first in (6, 12):
-        x[first], x[first + 3], x[first + 4] = -bend - lean, 2.0 * bend, -bend
-    for stiff, turn in ((12.0, 2.0), (300.0, 0.3)):
-        x = minimize(lambda v, s=stiff, w=turn: residual(v, s, w), x, low, high, max_steps=120, step_tolerance=1e-5)
-    r, _ = residual(x, 300.0, 0.3)
-    return Together(
-        grasp=pin.integrate(t.model, nominal, x[GRASP]), carry=pin.integrate(t.model, end, x[CARRY]),
-        at=ObjectPose.of(task.final.p_WO + x[PLACE], quat_from_yaw(float(x[YAW]))), cost=float(r @ r),
-    )  # fmt: skip
+def _wide(row: Rows, columns: slice, by_x: Array) -> Rows:
+    """Rows of one configuration as rows of all unknowns."""
+    r, by_v = row
+    J = np.zeros((len(r), N))
+    J[:, columns] = by_v @ by_x
+    return r, J

@@ -14,7 +14,6 @@ from hotice.control.pick_plan.kinematics import to_q, to_x
 from hotice.control.pick_plan.nlp import Knots, PathProgram
 from hotice.control.pick_plan.plan import Durations
 from hotice.control.pick_plan.task import (
-    CHEST_M,
     COM_BOX_M,
     KNEE_ROOM_M,
     STEPPING_HEIGHT_M,
@@ -38,8 +37,6 @@ SLACK_M, SLACK_RAD = 0.003, 0.005
 """Added to bounds that the keyframes at both ends may use up."""
 EASED = 2.5
 """Factor of the tolerances while holding, where no path keeps them."""
-OFF_CHEST_M = 0.01
-"""Of the object on its way to the carry state, where it is 1.5 cm off the chest."""
 REACH_GAP_M = 0.03
 """Of the palms off the object on their way to the pregrasp."""
 
@@ -109,7 +106,7 @@ class Paths:
             at = before.towards(after, float(share))
             frames = hands.carried_along(task.pose, at)
             middle = frames.p.mean(axis=0)
-            off = at.p_WO - middle
+            off = at.p_WO[:2] - middle[:2]
             rows.append(
                 common | {"wish": guess[k], "left_p": frames.p[0], "left_R": frames.R[0], "middle": middle, "off": off}
             )
@@ -123,14 +120,13 @@ class Paths:
         )
         standing_low, standing_high = self._bounds()
         pelvis = STEPPING_HEIGHT_M + SLACK_M if lifts and grip.steps_back else np.inf
-        chest = -np.inf if lifts else CHEST_M[0, 0] + OFF_CHEST_M + float(grip.carried.half_extents_m[0])
 
         def solve(loose: float) -> Array:
             hold = loose * np.concatenate([np.full(3, 2 * HELD_M), np.full(3, HELD_RAD + SLACK_RAD)])
             upright = np.full(3, loose * ((LIFTED_RAD if lifts else CARRY_RAD) + SLACK_RAD))
             room = (loose - 1.0) * SLACK_M
-            low = np.array([np.concatenate([standing_low, -hold, -upright, way - room, [-np.inf, chest]]) for way in way_low])
-            high = np.array([np.concatenate([standing_high, hold, upright, way + room, [pelvis, np.inf]]) for way in way_high])
+            low = np.array([np.concatenate([standing_low, -hold, -upright, way - room, [-np.inf]]) for way in way_low])
+            high = np.array([np.concatenate([standing_high, hold, upright, way + room, [pelvis]]) for way in way_high])
             return self._solve(True, Knots(guess=guess, **self._limits(ends, theta, low, high, knots, seconds)), what)
 
         try:
