@@ -56,7 +56,7 @@ class Guess:
             (2.0 * height, 2.0 * by_v),  # no deep squat
             _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
             p.palms(carried, pose, grip.gaps_m(), stiff),
-            p.hand_places(pose, grip.place, np.eye(3), 15.0),
+            p.hand_places(pose, grip.place, np.eye(3), 15.0 if carried.shape == "box" else 50.0),
             p.hand_pitch(0.0, 2.0),
             p.pelvis_turn(np.array([0.0, 0.1, task.yaw]), np.array([6.0, 1.0, turn])),
             hinge(distance - CHEST_GAP_M, np.einsum("kc,kcv->kv", normal @ pose.R_WO.T, J), 100.0),
