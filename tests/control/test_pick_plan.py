@@ -13,16 +13,19 @@ pytest.importorskip("adam.casadi")
 
 import pinocchio as pin
 
-from hotice.control.pick_plan import Durations, Planner, Support, cache
+from hotice.control.pick_plan import Durations, Planner, Support, cache, together
 from hotice.control.pick_plan.drake_ik import KeyframeIk
 from hotice.control.pick_plan.drake_robot import DrakeRobot
+from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M, Grip
+from hotice.control.pick_plan.guess import Guess
 from hotice.control.pick_plan.kinematics import NX, OUT, kinematics, to_q, to_x
 from hotice.control.pick_plan.nlp import Knots, PathProgram
 from hotice.control.pick_plan.task import PickTask, frames_at
 from hotice.control.terms import FEET, Terms
 from hotice.errors import HoticeError, PickInfeasible
-from hotice.model import Box
-from hotice.model.frames import quat_from_yaw
+from hotice.model import Box, Cylinder, Sphere
+from hotice.model.carry import surface_distance
+from hotice.model.frames import quat_from_yaw, quat_to_mat
 
 BOX, SUPPORT = Box((0.26, 0.28, 0.28), 1.5), Support(top_m=0.52, near_m=0.24)
 PLACE, QUAT = np.array([0.39, 0.02, 0.66]), np.asarray(quat_from_yaw(0.1))
@@ -230,3 +233,61 @@ def test_a_cached_plan_costs_neither_drake_nor_casadi(planner, plan):
         "assert not {'pydrake', 'casadi', 'adam'} & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("size, mass, top, aside, yaw", [
+    ((0.33, 0.34, 0.30), 1.4, 0.59, -0.03, 15.0), ((0.26, 0.37, 0.22), 2.7, 0.52, -0.03, 10.0),
+], ids=["deep", "wide"])  # fmt: skip
+def test_the_grasp_leads_to_the_carry_state(size, mass, top, aside, yaw):
+    """A box turned and aside ends level before an upright pelvis, near its place: the hold was chosen for that."""
+    planner = Planner(Box(size, mass), Support(top_m=top, near_m=0.24), folder=None)
+    turn = np.radians(yaw)
+    ahead = 0.26 + 0.5 * (size[0] * np.cos(turn) + size[1] * np.sin(turn))
+    plan = planner.plan(planner.start_q, [ahead, aside, top + size[2] / 2], quat_from_yaw(turn))
+    (grasp, q), t = (plan.grasp, plan.retreat[-1]), planner.terms
+    before, after = frames_at(t, grasp), frames_at(t, q)
+    R_GO = after.R[0] @ before.R[0].T @ np.asarray(quat_to_mat(plan.quat_GO))
+    p_GO = after.p.mean(axis=0) - R_GO @ plan.p_OH.mean(axis=0)
+    assert np.linalg.norm(p_GO - planner.carry.object_pos_W) < 0.055
+    np.testing.assert_allclose(pin.rpy.matrixToRpy(R_GO), 0.0, atol=np.radians(2.0))
+    np.testing.assert_allclose(pin.rpy.matrixToRpy(pin.Quaternion(q[3:7]).matrix()), 0.0, atol=np.radians(1.5))
+    assert q[2] == pytest.approx(planner.carry.root_pos_W[2], abs=0.005)
+
+
+def test_rows_of_grasp_and_carry_have_their_jacobian(planner):
+    """By central differences, at a configuration where nothing fits."""
+    task = PickTask.of(planner.grip, planner.terms, planner.start_q, PLACE, QUAT)
+    problem, rng = together._Problem(Guess(planner.terms, task)), np.random.default_rng(2)
+    x, step = 0.02 * rng.standard_normal(together.N), 1e-6
+    _, J = problem.rows(x, *together.EXACT)
+    for k in rng.choice(together.N, 12, replace=False).tolist() + list(range(2 * 26, together.N)):
+        off = step * np.eye(together.N)[k]
+        (a, _), (b, _) = (problem.rows(x + s * off, *together.EXACT) for s in (1.0, -1.0))
+        np.testing.assert_allclose(J[:, k], (a - b) / (2 * step), atol=0.05 * (1.0 + np.abs(J[:, k]).max()))
+
+
+@pytest.mark.parametrize("off", [0.0, 0.07])
+def test_straight_palms_beside_a_cylinder_have_their_gaps(off):
+    """In closed form: front of the palms at the widest, rear off by what the circle falls away."""
+    cylinder = Cylinder(0.15, 0.3, 1.0)
+    grip = Grip(carried=cylinder, support=SUPPORT)
+    points = grip.place[0] + [0.0, off, 0.0] + PALM_POINTS_M
+    distance, _ = surface_distance(cylinder, points)
+    np.testing.assert_allclose(distance - PALM_RADIUS_M, grip.gaps_m(off), atol=1e-12)
+    assert grip.gaps_m(off)[PALM_POINTS_M[:, 0] > 0] == pytest.approx(off)
+
+
+def test_a_sphere_is_held_below_its_centre_by_both_of_a_pair():
+    sphere = Sphere(0.15, 1.5)
+    planner = Planner(sphere, SUPPORT, folder=None)
+    place = np.array([0.42, 0.01, 0.52 + 0.15])
+    plan, t = planner.plan(planner.start_q, place, [1.0, 0.0, 0.0, 0.0]), planner.terms
+    hands = frames_at(t, plan.grasp)
+    for i in range(2):
+        points = hands.p[i] + PALM_POINTS_M @ hands.R[i].T - place
+        gaps = np.linalg.norm(points, axis=1) - 0.15 - PALM_RADIUS_M
+        front = PALM_POINTS_M[:, 0] > 0
+        np.testing.assert_allclose(gaps[front], 0.0, atol=0.001)
+        assert (gaps[~front] > 0.005).all()
+        assert points[front].mean(axis=0)[2] < -0.005
+        assert abs(points[front].mean(axis=0)[0]) < 0.012

@@ -114,7 +114,9 @@ class KeyframeSolver:
                 link, self._demand.hand(i), -reach, reach, "palms at their places on the object", place, pose.R_WO
             )
             for off in seen:
-                ik.point(link, self._demand.hand(i) + off, frames.p[i] + frames.R[i] @ off, np.full(3, 100.0), pose.R_WO)
+                ik.point(
+                    link, self._demand.hand(i) + off, frames.p[i] + frames.R[i] @ off, np.full(3, 100.0), pose.R_WO
+                )
             ik.level(link, self._demand.hand(i), max(LEVEL_SINE, abs(float(frames.R[i, 2, 0]))), "level forearms")
         self._demand.chest(ik, self.terms)
         quat = quat_mul(quat_from_yaw(task.yaw), quat_from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.1)))

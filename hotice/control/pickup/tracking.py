@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 STANDING_N = 400.0
 TURN_N_M, TURN_NS_M = 1500.0, 60.0
 ROLL_NM, ROLL_NMS = np.array([5.0, 40.0, 40.0]), 1.0
-"""Stiffness of palms on round sides about the axes of the hand: soft about x, because a pair of palm spheres, one above the other,
-aligns itself; a stiff palm loads one of the two, about which the object then swings."""
+"""Stiffness of palms on round sides about the axes of the hand: soft about x, because a pair of palm spheres, one above the
+other, aligns itself; a stiff palm loads one of the two, about which the object then swings."""
 
 
 class Tracking:
