@@ -26,7 +26,7 @@ GRASP, CARRY, PLACE, YAW = slice(0, NV), slice(NV, 2 * NV), slice(2 * NV, 2 * NV
 """The unknowns: increments of both configurations, the carried object off its place [m], its yaw [rad]."""
 ARMS = slice(6 + g1.UPPER.start, 6 + g1.UPPER.stop)
 HOLD = (200.0, 40.0)
-PLACE_WEIGHT, YAW_WEIGHT = np.array([10.0, 20.0, 10.0]), 4.0
+PLACE_WEIGHT, YAW_WEIGHT, COM_WEIGHT = np.array([6.0, 20.0, 10.0]), 4.0, 8.0
 HEIGHT_WEIGHT, TURN_WEIGHT, POSTURE_WEIGHT = 100.0, 20.0, 0.3
 TRAVEL_WEIGHT = 0.3
 """Of how far the arms are at the grasp from where they are in the carry state: between stretched and bent arms the retreat has to
@@ -94,7 +94,8 @@ class _Problem:
         found += [
             _wide(row, CARRY, by_x)
             for row in [
-                *self.guess.stand_rows(p, task.grip.carried.mass_kg, at.p_WO), (height, HEIGHT_WEIGHT * t.J_WF[PELVIS, 2:3]),
+                *self.guess.stand_rows(p, task.grip.carried.mass_kg, at.p_WO),
+                p.com(np.zeros(2), COM_WEIGHT, task.grip.carried.mass_kg, at.p_WO), (height, HEIGHT_WEIGHT * t.J_WF[PELVIS, 2:3]),
                 p.pelvis_turn(np.zeros(3), np.full(3, TURN_WEIGHT)), self._posture(posture_weights(POSTURE_WEIGHT)),
             ]
         ]  # fmt: skip
