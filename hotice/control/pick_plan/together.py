@@ -26,7 +26,7 @@ GRASP, CARRY, PLACE, YAW = slice(0, NV), slice(NV, 2 * NV), slice(2 * NV, 2 * NV
 """The unknowns: increments of both configurations, the carried object off its place [m], its yaw [rad]."""
 ARMS = slice(6 + g1.UPPER.start, 6 + g1.UPPER.stop)
 HOLD = (200.0, 40.0)
-PLACE_WEIGHT, YAW_WEIGHT, COM_WEIGHT = np.array([6.0, 20.0, 10.0]), 4.0, 8.0
+PLACE_WEIGHT, YAW_WEIGHT, COM_WEIGHT = np.array([8.0, 20.0, 10.0]), 4.0, 12.0
 HEIGHT_WEIGHT, TURN_WEIGHT, POSTURE_WEIGHT = 100.0, 20.0, 0.3
 TRAVEL_WEIGHT = 0.3
 """Of how far the arms are at the grasp from where they are in the carry state: between stretched and bent arms the retreat has to
