@@ -301,3 +301,17 @@ def test_palms_on_round_sides_are_soft_about_their_own_length(pickup, standing):
         tracking._bear(memory, tracking.contacts.hand_point)
         found.append(R.T @ tracking.contacts.hand_moment_W[0])
     np.testing.assert_allclose(found, -np.diag([5.0, 40.0, 40.0]) * np.sin(0.05), atol=1e-9)
+
+
+@pytest.mark.parametrize("carried, lever", [(Sphere(0.14, 2.0), 0.03), (BOX, 0.0)])
+def test_the_weight_of_round_objects_bears_inward_of_where_the_palms_press(pickup, standing, carried, lever):
+    """So that both of a pair of palm spheres stay loaded: about the hands' own x, left and right opposite."""
+    true, ref = Terms(), Terms()
+    for t in (true, ref):
+        t.q[:], t.v[:] = pickup.start_q, 0.0
+        t.refresh()
+    tracking, memory = Tracking(carried, 50.0, true, ref), pickup.start(standing)
+    memory.load_share, tracking.contacts.load_kg = 1.0, 2.0
+    tracking._bear(memory, tracking.contacts.hand_point)  # no lever ahead
+    about = [true.R_WF[LEFT_HAND + h].T @ tracking.contacts.hand_moment_W[h] for h in range(2)]
+    np.testing.assert_allclose(about, [[s * lever * 9.81, 0.0, 0.0] for s in (1.0, -1.0)], atol=1e-9)

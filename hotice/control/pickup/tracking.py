@@ -20,6 +20,9 @@ TURN_N_M, TURN_NS_M = 1500.0, 60.0
 ROLL_NM, ROLL_NMS = np.array([5.0, 40.0, 40.0]), 1.0
 """Stiffness of palms on round sides about the axes of the hand: soft about x, because a pair of palm spheres, one above the
 other, aligns itself; a stiff palm loads one of the two, about which the object then swings."""
+BEARS_M, INWARD = 0.03, (1.0, -1.0)
+"""The weight of round objects bears on the skin of the palms, that far inward of the points at which they press (chosen on heavy
+spheres). Without its moment the lower of two palm spheres is unloaded, until the object swings about the upper one."""
 
 
 class Tracking:
@@ -90,6 +93,7 @@ class Tracking:
             ahead = R @ (p_HO[hand] - k.hand_point[hand])
             k.hand_moment_W[hand, 1] = ahead[0] * weight
             if self._carried.shape != "box":  # flat sides turn the palms, round ones let them roll
+                k.hand_moment_W[hand] += (BEARS_M * weight * INWARD[hand]) * R[:, 0]
                 E = ref.R_WF[f] @ R.T
                 off = 0.5 * np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
                 spin = ref.v_WF[f, 3:] - true.v_WF[f, 3:]
