@@ -21,9 +21,10 @@ from hotice.control.plant import TorquePlant
 from hotice.control.walk import WalkConfig
 from hotice.errors import HoticeError
 from hotice.fields import build_hod_pf
+from hotice.learn.report import PAPER_S
 from hotice.learn.scene_sets import resolve_scenes
 from hotice.learn.trials import Trials
-from hotice.learn.walk_trials import GOAL_M, PAPER_S, Trial, run_trial
+from hotice.learn.walk_trials import GOAL_M, Trial, run_trial
 from hotice.learn.wilson import wilson
 from hotice.model import builder
 from hotice.model.carry import CarryState, solve_carry

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from hotice.errors import CheckpointError, DivergedError, SimulationError
+from hotice.learn.average import PREFIX
 
 MANY = 0.5
 """Share of the environments that may diverge in one update; when physics is sound, next to none does."""
@@ -45,7 +46,7 @@ def check_physics(diverged: int, num_envs: int, update: int, run: Path) -> None:
 
 def check_weights(path: Path, tensors: Mapping[str, Tensor]) -> None:
     """Raises `CheckpointError` when networks, or their average, among the tensors of a checkpoint are not finite."""
-    weights = {k.removeprefix("net."): v for k, v in tensors.items() if k.startswith(("net.", "average."))}
+    weights = {k.removeprefix("net."): v for k, v in tensors.items() if k.startswith(("net.", PREFIX))}
     name = first_not_finite(weights)
     if name is not None:
         raise CheckpointError(f"{path}: {name} is not finite: the run had diverged, take an older checkpoint")

@@ -19,9 +19,11 @@ import numpy as np
 
 from hotice.errors import CarryInfeasible, UnreachableGoal
 from hotice.fields.hod_pf import HodPf, build_hod_pf
+from hotice.learn.report import PAPER_S
 from hotice.learn.trials import Trials
 from hotice.model import builder, g1
 from hotice.sim.mujoco_batch import unlogged
+from hotice.sim.terminations import APART_M, FALLEN_M, LOW_M, UPRIGHT
 
 if TYPE_CHECKING:
     from hotice.control.plant import TorquePlant
@@ -30,7 +32,6 @@ if TYPE_CHECKING:
     from hotice.model.scene import Scene
     from hotice.sim.env import TransportEnv
 
-PAPER_S = 5.0
 GOAL_M = 0.1
 FASTEST = 1e3
 """Of any velocity: what is faster has diverged."""
@@ -144,9 +145,7 @@ def run_trial(
         if plant.data.time <= PAPER_S + 1e-9:
             distance_5s = float(np.linalg.norm(root[:2] - goal))
         if hits and not touched and (distance < GOAL_M or plant.data.time >= horizon_s - 1e-9):
-            mujoco.mj_forward(
-                plant.model, plant.data
-            )  # sensors are a physics step late: the trial ends with its last state
+            mujoco.mj_forward(plant.model, plant.data)  # sensors are a step late: the trial ends with its last state
             touched = hits()
         failed = failure(plant, hands) or touched
         if failed:
@@ -175,10 +174,10 @@ def failure(plant: TorquePlant, hands: list[int]) -> str | None:
     if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all() and np.abs(data.qvel).max() <= FASTEST):
         return "unstable"
     R = data.body("pelvis").xmat.reshape(3, 3)
-    if data.qpos[2] < 0.35 or R[2, 2] < 0.5:
+    if data.qpos[2] < FALLEN_M or R[2, 2] < UPRIGHT:
         return "fall"
     box = data.qpos[27:30]
-    if np.linalg.norm(box - data.site_xpos[hands].mean(axis=0)) > 0.15 or box[2] < 0.25:
+    if np.linalg.norm(box - data.site_xpos[hands].mean(axis=0)) > APART_M or box[2] < LOW_M:
         return "drop"
     return None
 

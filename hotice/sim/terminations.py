@@ -11,6 +11,10 @@ from hotice.sim.snapshot import HANDS, Snapshot
 
 OUTCOMES = ("running", "success", "fall", "drop", "robot_collision", "object_collision", "timeout", "unstable")
 """Outcome codes by position."""
+FALLEN_M, UPRIGHT = 0.35, 0.5
+"""Pelvis height and cosine of its lean below which the robot has fallen."""
+APART_M, LOW_M = 0.15, 0.25
+"""Distance from the hands' middle, and height, at which the object is dropped."""
 
 
 @dataclass(frozen=True)
@@ -24,13 +28,13 @@ class Termination:
 
 def fall(s: Snapshot) -> Tensor:
     """Pelvis below 0.35 m or leaning by more than 60 degrees."""
-    return (s.p_WP[:, 2] < 0.35) | (s.gravity_P[:, 2] > -0.5)
+    return (s.p_WP[:, 2] < FALLEN_M) | (s.gravity_P[:, 2] > -UPRIGHT)
 
 
 def drop(s: Snapshot) -> Tensor:
     """Object 15 cm from where the hands hold it, or its centre below 0.25 m."""
     between = s.p_WK[:, HANDS].mean(dim=1)
-    return ((s.p_WO - between).norm(dim=-1) > 0.15) | (s.p_WO[:, 2] < 0.25)
+    return ((s.p_WO - between).norm(dim=-1) > APART_M) | (s.p_WO[:, 2] < LOW_M)
 
 
 def robot_collision(s: Snapshot) -> Tensor:

@@ -17,14 +17,14 @@ class PickupConfig:
     rate_hz: float = 200.0
     """Control rate."""
     settle_s: float = 0.5
-    crouch_s: float = 2.0
-    reach_s: float = 1.5
-    close_s: float = 1.0
+    crouch_s: float = Durations.crouch_s
+    reach_s: float = Durations.reach_s
+    close_s: float = Durations.close_s
     touch_s: float = 1.5
     """Longest wait for both hands to feel the object."""
     squeeze_s: float = 1.0
-    lift_s: float = 1.8
-    retreat_s: float = 6.5
+    lift_s: float = Durations.lift_s
+    retreat_s: float = Durations.retreat_s
     open_s: float = 1.0
     stand_s: float = 2.5
     squeeze_n: tuple[float, float] = (45.0, 60.0)
