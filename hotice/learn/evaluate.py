@@ -136,7 +136,7 @@ def evaluation_task(
     known = TaskConfig()
     kept = (
         "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s", "stop_gain_hz", "gait_hz", "swing_height_m",
-        "resolution_m", "margin_m", "scan",
+        "resolution_m", "margin_m", "scan", "history",
     )  # fmt: skip
     values = {k: task[k] for k in kept if k in task}
     if fine:

@@ -255,8 +255,8 @@ class Runner:
         The actors begin at their average, where the run kept one.
 
         Inputs that hardly varied in that run (the distance to obstacles on an open floor) get zero weights and an ordinary
-        variance: the old skill stays what it was when they begin to vary. Rows that its observation did not have (the scan)
-        begin with zero weights too.
+        variance: the old skill stays what it was when they begin to vary. Rows that its observation did not have (scan,
+        history) begin with zero weights too.
         """
         tensors, meta = load_checkpoint(path, self.env.device)
         with _same_version(path):
@@ -280,10 +280,9 @@ class Runner:
         for key, table, norm, net in (
             ("layout", env.policy_table, "obs_norm", "actor"), ("critic_layout", env.critic_table, "critic_norm", "critic"),
         ):  # fmt: skip
-            columns = columns_within([(name, width) for name, width in meta[key]], table.layout())
-            if columns is not None:
-                tensors = widen(tensors, columns, table.size, norm, net)
-                meta = {**meta, key: table.layout()}
+            old, new = [(name, width) for name, width in meta[key]], table.layout()
+            if columns_within(old, new) is not None:
+                tensors, meta = widen(tensors, old, new, norm, net), {**meta, key: new}
         return tensors, meta
 
     def _load_net(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:

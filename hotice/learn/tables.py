@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hotice.sim.observations import POLICY, PRIVILEGED, SCAN
+from hotice.sim.observations import POLICY, PRIVILEGED, SCAN, past_rows
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, L, U
 from hotice.sim.terminations import TERMINATIONS
 
@@ -24,7 +24,12 @@ def reward_table() -> str:
 def observation_table() -> str:
     """One row an observation; privileged ones are read by the critics only."""
     rows = ["| Read by | Observation | Size | What |", "|---|---|---|---|"]
-    for who, table in (("actors, critics", POLICY), ("both, with `scan`", (SCAN,)), ("critics", PRIVILEGED)):
+    for who, table in (
+        ("actors, critics", POLICY),
+        ("both, with `scan`", (SCAN,)),
+        ("both, with `history` of one step", (past_rows(1),)),
+        ("critics", PRIVILEGED),
+    ):
         rows += [f"| {who} | `{o.name}` | {len(o.mirror[0])} | {o.note} |" for o in table]
     return "\n".join(rows)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.model import history
 from hotice.model.carry import CarryState
 from hotice.model.scan import NUM_SCAN, nearness
 from hotice.policies.guidance import NUM_FIELD, FieldReading
@@ -25,13 +26,23 @@ LAYOUT: tuple[tuple[str, int], ...] = (
     ("clock", 2), ("command", 6), ("object_pose", 9), ("object_size", 3),
     ("sgf", 5 * NUM_SGF), ("ogf", 5 * (NUM_FIELD - NUM_SGF)),
 )  # fmt: skip
-"""Names and widths of the rows, in order, of a policy without the local obstacle scan."""
+"""Names and widths of the rows, in order, of a policy without the local obstacle scan and without a history."""
 SIZE = sum(width for _, width in LAYOUT)
 
 
 def layout_of(task: PolicyTask) -> tuple[tuple[str, int], ...]:
     """Names and widths of the rows that a policy for this task reads."""
-    return (*LAYOUT, ("scan", NUM_SCAN)) if task.scan else LAYOUT
+    rows = (*LAYOUT, ("scan", NUM_SCAN)) if task.scan else LAYOUT
+    return (*rows, ("history", task.history * history.FRAME)) if task.history else rows
+
+
+_ENDS = dict(zip((name for name, _ in LAYOUT), np.cumsum([width for _, width in LAYOUT]), strict=True))
+_FRAME = np.concatenate([np.arange(_ENDS[name] - width, _ENDS[name]) for name, width in history.ROWS])
+
+
+def remember(past: Array, observation: NDArray[np.float32]) -> Array:
+    """The past (H,) one step later, when `observation` is over; zeros (H,) are the past of the first step."""
+    return np.concatenate([observation[_FRAME], past])[: len(past)].astype(float)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,11 +59,12 @@ class Carrying:
 
 
 def observe(
-    percept: Percept, reading: FieldReading, carrying: Carrying, action: Array, phase: float, scan: bool
+    percept: Percept, reading: FieldReading, carrying: Carrying, action: Array, phase: float, scan: bool, past: Array
 ) -> NDArray[np.float32]:
-    """Observation (201,), or (241,) with the local obstacle scan, for one step.
+    """Observation (201,), with the local obstacle scan 40 more, with a history H more, for one step.
 
-    `action` (20,) is the last one, `phase` [rad] the step clock of the left leg; `scan`: whether the policy reads the scan.
+    `action` (20,) is the last one, `phase` [rad] the step clock of the left leg; `scan`: whether the policy reads the scan;
+    `past` (H,): what it read in the steps before, see `remember`.
     """
     yaw = float(percept.yaw[0])
     cos, sin = math.cos(yaw), math.sin(yaw)
@@ -64,6 +76,7 @@ def observe(
         reading.c_W @ R_WY, (math.sin(error), math.cos(error), math.tanh(float(reading.goal_distance[0]))),
         (percept.p_WO - percept.p_WP) @ R_WY, (percept.R_WO[:, :2].T @ R_WY).ravel(), 5.0 * carrying.half_extents,
         _encode(reading.force_W @ R_WY, reading.distance).ravel(), *((nearness(reading.scan),) if scan else ()),
+        past,
     )  # fmt: skip
     return np.concatenate(rows).astype(np.float32)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import CheckpointError, UnknownName
+from hotice.model.history import FRAME
 
 FORMAT = "hotice-policy/1"
 POLICIES = Path(__file__).resolve().parent
@@ -115,12 +116,15 @@ def _rows(name: str, layout: Any) -> list[tuple[str, int]]:
 
 
 def _mend(rows: list[tuple[str, int]], given: list[tuple[str, int]]) -> str:
-    """What to do where the local obstacle scan alone is the difference."""
-    scan = "scan"
-    theirs, ours = [name for name, _ in rows], [name for name, _ in given]
-    if [n for n in theirs if n != scan] != [n for n in ours if n != scan] or (scan in theirs) == (scan in ours):
+    """What to do where the rows that can be switched on are all the difference."""
+    extra = ("scan", "history")
+    theirs, ours = dict(rows), dict(given)
+    if [r for r in rows if r[0] not in extra] != [r for r in given if r[0] not in extra] or theirs == ours:
         return ""
-    return f": give {'--scan' if scan in theirs else '--no-scan'}, or a policy for this observation"
+    flags = [] if ("scan" in theirs) == ("scan" in ours) else ["--scan" if "scan" in theirs else "--no-scan"]
+    if theirs.get("history") != ours.get("history"):
+        flags.append(f"--history {theirs.get('history', 0) // FRAME}")
+    return f": give {' '.join(flags)}, or a policy for this observation"
 
 
 def content_hash(model: Any, meta: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hotice.errors import CheckpointError
 from hotice.model import g1
+from hotice.model.history import LONGEST
 
 OBJECT_FIELDS = {"dual_hodpf": "ogf", "single_hodpf": "ogf", "dual_sgf": "sgf", "single_sgf": "sgf"}
 """Which field hands and object read, by preset (`hotice.sim.config.PRESETS`)."""
@@ -32,6 +33,7 @@ class PolicyTask:
     margin_m: float = 0.08
     object_field: str = "ogf"
     scan: bool = False
+    history: int = 0
 
     @classmethod
     def from_meta(cls, meta: Mapping[str, Any], name: str = "policy") -> PolicyTask:
@@ -42,7 +44,12 @@ class PolicyTask:
         scan = task.get("scan", False) if isinstance(task, Mapping) else False
         if not isinstance(scan, bool):
             raise CheckpointError(f"{name}: task constant scan is {scan!r}: true or false is needed")
-        values: dict[str, Any] = {"object_field": OBJECT_FIELDS[preset], "scan": scan}
+        past = task.get("history", 0) if isinstance(task, Mapping) else 0
+        if type(past) is not int or not 0 <= past <= LONGEST:
+            raise CheckpointError(
+                f"{name}: task constant history is {past!r}: a whole number from 0 to {LONGEST} is needed"
+            )
+        values: dict[str, Any] = {"object_field": OBJECT_FIELDS[preset], "scan": scan, "history": past}
         for key in (f.name for f in fields(cls) if f.name not in values):
             value = task.get(key) if isinstance(task, Mapping) else None
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:

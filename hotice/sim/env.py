@@ -16,6 +16,7 @@ from torch import Tensor
 from hotice.errors import InvalidConfig
 from hotice.fields.bank import FieldBank
 from hotice.fields.clearance import Spheres
+from hotice.model import history
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim import cover
@@ -129,13 +130,14 @@ class TransportEnv:
         self.object_cover = cover.object_spheres(self.carry.cover_centre, self.carry.cover_radius, self.layout.object)
         self.starter = Starter(cfg, self.bank, self.carry, self.layout, self.device)
         self.rewards = RewardTable(REWARDS, self.agents, cfg.control_dt_s)
-        rows = policy_rows(cfg.scan)
+        rows = policy_rows(cfg.scan, cfg.history)
         self.policy_table = ObservationTable(rows)
         self.critic_table = ObservationTable(rows + PRIVILEGED)
         self.everyone = torch.arange(num_envs, device=self.device)
-        self.memory = Memory.zeros(num_envs, self.device)
+        self.memory = Memory.zeros(num_envs, self.device, cfg.history)
         self.held = torch.zeros(num_envs, 20, device=self.device)
         self.read = torch.zeros(num_envs, self.policy_table.size, device=self.device)
+        self.frame = torch.nonzero(self.policy_table.columns([n for n, _ in history.ROWS]))[:, 0].to(self.device)
         self.sensors = Sensors(
             cfg.sensing, num_envs, cfg.control_dt_s, cfg.substeps, self.device, self._guide,
             self.policy_table.columns(KNOWN_ROWS).to(self.device),
@@ -182,7 +184,8 @@ class TransportEnv:
         self.unstable = int(state["unstable"])
         s = self.snapshot()
         if self.config.sensing.exact:
-            return self.policy_table(s), self.critic_table(s)
+            self.read = self.policy_table(s)
+            return self.read.clone(), self.critic_table(s)
         self.sensors.load_state({k.removeprefix("sensors."): v for k, v in state.items() if k.startswith("sensors.")})
         self.held.copy_(state["held"])
         self.read.copy_(state["read"])
@@ -221,8 +224,10 @@ class TransportEnv:
         )  # fmt: skip
 
     def _act(self, action: Tensor) -> None:
-        """Actions become servo targets around the carry state; the clock advances."""
+        """Actions become servo targets around the carry state; the clock advances, and what was read becomes the past."""
         m = self.memory
+        if self.config.history:
+            m.past = torch.cat([self.read[:, self.frame], m.past[:, : -history.FRAME]], dim=1)
         limit = self.config.action_limit
         m.last_action = m.action
         m.action = torch.nan_to_num(action.detach().to(self.device, torch.float32), nan=0.0).clamp(-limit, limit)
@@ -249,7 +254,8 @@ class TransportEnv:
     def _observe(self, s: Snapshot, ids: Tensor) -> Tensor:
         """What the actors of environments `ids` read of their snapshot."""
         if self.config.sensing.exact:
-            return self.policy_table(s)
+            self.read[ids] = self.policy_table(s)
+            return self.read[ids]
         offset = self.carry.joint_offset[self.memory.model[ids]]
         measured = self.policy_table(self.sensors.measure(s, ids, offset, self.generator))
         self.read[ids] = self.sensors.delay(measured, ids)
@@ -293,6 +299,7 @@ class TransportEnv:
         m.last_action = m.last_action.clone()
         m.action[ids] = 0.0
         m.last_action[ids] = 0.0
+        m.past[ids] = 0.0
         self.held[ids] = self.carry.target[m.model[ids]]
         if not self.config.sensing.exact:
             self.sensors.restart(ids, self.generator)
@@ -322,7 +329,7 @@ class TransportEnv:
             **vars(motion), **guidance, clearance=robot_gap, object_clearance=object_gap, clearance_ahead=gap_ahead,
             robot_hit=robot_hit, object_hit=object_hit, touch=touch,
             swing=cfg.swing_height_m * torch.clamp(wave, min=0.0), stance=wave < 0.2, action=m.action[rows],
-            last_action=m.last_action[rows], phase=m.phase[rows],
+            last_action=m.last_action[rows], past=m.past[rows], phase=m.phase[rows],
             time_left=1.0 - m.step[rows].float() / cfg.max_steps, grasp=grasp,
         )  # fmt: skip
 

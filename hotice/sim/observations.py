@@ -16,7 +16,7 @@ from torch import Tensor
 from hotice.errors import InvalidConfig
 from hotice.fields.alignment import encode
 from hotice.fields.bank import FieldSample
-from hotice.model import g1
+from hotice.model import g1, history
 from hotice.model.objects import OCTANTS
 from hotice.model.scan import BODY_POINTS, FOOT_POINTS, nearness
 from hotice.sim.snapshot import FOOT_ENDS, Snapshot
@@ -116,9 +116,21 @@ SCAN = Observation(
 )  # fmt: skip
 
 
-def policy_rows(scan: bool) -> tuple[Observation, ...]:
-    """What the actors read: `POLICY`, and the local obstacle scan where the task has it."""
-    return (*POLICY, SCAN) if scan else POLICY
+_FRAME = chain(PSEUDO, VECTOR, _JOINTS, _JOINTS, _JOINTS)
+
+
+def past_rows(steps: int) -> Observation:
+    """What was read in the last `steps` control steps, the newest first; zero before the episode began."""
+    return Observation(
+        "history", lambda s: s.past, chain(*[_FRAME] * steps),
+        f"{' '.join(name for name, _ in history.ROWS)} as read in each of the last {steps} steps",
+    )  # fmt: skip
+
+
+def policy_rows(scan: bool, history_steps: int = 0) -> tuple[Observation, ...]:
+    """What the actors read: `POLICY`, and the local obstacle scan and the past where the task has them."""
+    rows = (*POLICY, SCAN) if scan else POLICY
+    return (*rows, past_rows(history_steps)) if history_steps else rows
 
 
 PRIVILEGED: tuple[Observation, ...] = (

@@ -25,8 +25,8 @@ from hotice.sim.snapshot import Motion, Snapshot
 
 __all__ = ["KNOWN_ROWS", "STUDENT_SENSING", "Sensors", "SensingConfig"]
 
-KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size")
-"""Rows of the policy observation that no sensor measures: they are never late."""
+KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size", "history")
+"""Rows of the policy observation that no sensor measures now: they are never late. The history keeps what was read."""
 
 _STATE = ("root", "velocity", "object", "age", "action_delay", "late", "seen")
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from hotice.fields.bank import FieldSample
-from hotice.model import builder, g1
+from hotice.model import builder, g1, history
 from hotice.sim.physics import Physics
 
 POINTS = g1.SGF_KEYPOINTS + g1.OGF_KEYPOINTS + g1.FOOT_ENDS
@@ -33,7 +33,8 @@ class Memory:
     """State of the task that outlasts a step; the environment updates it in one place.
 
     action, last_action (N, 20); phase (N,) [rad] of the left leg's step clock; step (N,) control steps so far;
-    scene (N,) and model (N,) ids.
+    scene (N,) and model (N,) ids; past (N, H) what the actors read in the steps before, frames of `hotice.model.history`,
+    the newest first.
     """
 
     action: Tensor
@@ -42,9 +43,10 @@ class Memory:
     step: Tensor
     scene: Tensor
     model: Tensor
+    past: Tensor
 
     @classmethod
-    def zeros(cls, num_envs: int, device: torch.device) -> Memory:
+    def zeros(cls, num_envs: int, device: torch.device, history_steps: int = 0) -> Memory:
         """All zero."""
         n_action = len(g1.ACTION_JOINTS)
         longs = (torch.zeros(num_envs, dtype=torch.int64, device=device) for _ in range(3))
@@ -53,6 +55,7 @@ class Memory:
             action=torch.zeros(num_envs, n_action, device=device),
             last_action=torch.zeros(num_envs, n_action, device=device),
             phase=torch.zeros(num_envs, device=device), step=step, scene=scene, model=model,
+            past=torch.zeros(num_envs, history_steps * history.FRAME, device=device),
         )  # fmt: skip
 
 
@@ -123,7 +126,7 @@ class Snapshot(Motion):
     `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `clearance_ahead` (N,): the same of
     upper body and object together, where they will be after `LOOK_AHEAD_S` at the commanded velocity. `robot_hit` and
     `object_hit` (N,) bool: collisions, from the cover in training and from exact geometry in evaluation. `scan` (N, 40):
-    signed distances at the points of `hotice.model.scan` [m], or (N, 0) where the task has none.
+    signed distances at the points of `hotice.model.scan` [m], or (N, 0) where the task has none. `past` (N, H): as in `Memory`.
     """
 
     sgf: FieldSample
@@ -144,6 +147,7 @@ class Snapshot(Motion):
     stance: Tensor
     action: Tensor
     last_action: Tensor
+    past: Tensor
     phase: Tensor
     time_left: Tensor
     grasp: Grasp

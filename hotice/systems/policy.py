@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from hotice.model import history
 from hotice.model.carry import CarryState
 from hotice.policies import PolicySession, PolicyTask
 from hotice.policies.guidance import FieldReading
-from hotice.policies.observation import Carrying, layout_of, observe
+from hotice.policies.observation import Carrying, layout_of, observe, remember
 from hotice.policies.percept import Percept
 from hotice.policies.policy_file import check_layout
 from hotice.systems.signals import GUIDANCE, NUM_JOINTS, PERCEPT
 
 Array = NDArray[np.float64]
 TARGET, MEMORY = range(2)
-"""Groups of the state: joint target (20,) [rad]; last action (20,), the target before (20,) [rad], step clock [rad] and time
-of the action [s]."""
-ACTION, HELD, PHASE, SINCE = slice(0, 20), slice(20, 40), 40, 41
+"""Groups of the state: joint target (20,) [rad]; last action (20,), the target before (20,) [rad], step clock [rad], time
+of the action [s] and, for a policy with a history, what was read in the steps before."""
+ACTION, HELD, PHASE, SINCE, PAST = slice(0, 20), slice(20, 40), 40, 41, slice(42, None)
 
 
 class PolicySystem(LeafSystem):
@@ -34,7 +35,7 @@ class PolicySystem(LeafSystem):
 
     Inputs `percept` (119,), `guidance` (122,); `active` (1,), optional: while it is 0 the policy rests, its clock stands and
     the target is the carry state's. Outputs `joint_target` (20,) [rad], absolute; `action` (20,), unitless.
-    The state holds the last action, the last two targets, the step clock and when the action was made.
+    The state holds the last action, the last two targets, the step clock, when the action was made and the history.
 
     Args:
         policy: the file; `carry`: what it carries and how.
@@ -55,7 +56,8 @@ class PolicySystem(LeafSystem):
         self._carrying, self._target = Carrying.of(carry), np.asarray(carry.joint_target, dtype=float)
         self._scale, self._latency = self.task.action_scale, latency_s
         self._phase_step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
-        self._rest = (self._target, np.concatenate([np.zeros(NUM_JOINTS), self._target, [phase_rad, -1.0]]))
+        past = np.zeros(self.task.history * history.FRAME)
+        self._rest = (self._target, np.concatenate([np.zeros(NUM_JOINTS), self._target, [phase_rad, -1.0], past]))
         groups = [self.DeclareDiscreteState(rest) for rest in self._rest]
         self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
         self._guidance = self.DeclareVectorInputPort("guidance", GUIDANCE)
@@ -70,12 +72,13 @@ class PolicySystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
 
     def observation(self, context: Context) -> NDArray[np.float32]:
-        """What the policy would read now, (201,) or (241,); rows as in `hotice.policies.observation.layout_of`."""
+        """What the policy would read now; rows as in `hotice.policies.observation.layout_of`."""
         return self._observe(context, context.get_discrete_state(MEMORY).value())
 
     def _observe(self, context: Context, memory: Array) -> NDArray[np.float32]:
         percept, reading = Percept(self._percept.Eval(context)), FieldReading(self._guidance.Eval(context))
-        return observe(percept, reading, self._carrying, memory[ACTION], float(memory[PHASE]), self.task.scan)
+        clock = float(memory[PHASE])
+        return observe(percept, reading, self._carrying, memory[ACTION], clock, self.task.scan, memory[PAST])
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
@@ -84,9 +87,10 @@ class PolicySystem(LeafSystem):
             return
         memory = state.get_mutable_discrete_state(MEMORY).get_mutable_value()  # still the last step's
         target = state.get_mutable_discrete_state(TARGET).get_mutable_value()
-        raw = self.policy.run(self._observe(context, memory)[None])[0].astype(float)
+        observation = self._observe(context, memory)
+        raw = self.policy.run(observation[None])[0].astype(float)
         action = next_action(raw, self.task.action_limit)
-        memory[ACTION], memory[HELD] = action, target
+        memory[ACTION], memory[HELD], memory[PAST] = action, target, remember(memory[PAST], observation)
         memory[PHASE] = (memory[PHASE] + self._phase_step) % (2.0 * math.pi)
         memory[SINCE] = context.get_time()
         np.multiply(self._scale, action, out=target)

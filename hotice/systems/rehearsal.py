@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.model import g1
+from hotice.model import g1, history
 from hotice.policies.guidance import read_fields
-from hotice.policies.observation import Carrying, observe
+from hotice.policies.observation import Carrying, observe, remember
 from hotice.policies.percept import Percept, PerceptModel
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.policy import next_action
@@ -78,11 +78,13 @@ class Rehearsal:
         q, qd = data.qpos[7:27], data.qvel[6:26]
         data.qpos[:], data.qvel[:] = self._stage.start(state, push_m_s)
         carrying, action, phase = Carrying.of(carry), np.zeros(20), 0.0
+        past = np.zeros(task.history * history.FRAME)
         for _ in range(round(self.config.horizon_s / task.control_dt_s)):
             now = robot_state_of_mujoco(np.concatenate([data.qpos, data.qvel]), carry.wrist_pos)
             percept = sensing(self._percept_of(now[:NQ], now[NQ:]))
             reading = read_fields(self._pf, percept, task)
-            observation = observe(percept, reading, carrying, action, phase, self._station.task.scan)
+            observation = observe(percept, reading, carrying, action, phase, task.scan, past)
+            past = remember(past, observation)
             raw = self._station.policy.run(observation[None])[0].astype(float)
             action = next_action(raw, task.action_limit)
             phase = (phase + 2.0 * math.pi * task.gait_hz * task.control_dt_s) % (2.0 * math.pi)

@@ -1,12 +1,14 @@
 """A run that begins with the networks of one whose observation had fewer rows."""
 
+from pathlib import Path
+
 import pytest
 import torch
 
 from hotice.errors import CheckpointError
 from hotice.learn.config import PpoConfig, TrainConfig
 from hotice.learn.runner import Runner
-from hotice.learn.widen import columns_within, widen
+from hotice.learn.widen import alike, columns_within, widen
 from hotice.sim.config import TaskConfig
 
 SMALL = {
@@ -27,7 +29,7 @@ def test_only_what_reads_the_observation_becomes_wider():
         "net.nets.low.actor.0.weight": torch.ones(4, 2), "net.nets.low.critic.0.weight": torch.ones(4, 5),
         "optimizer.1.exp_avg": torch.ones(4, 2), "optimizer.2.exp_avg": torch.ones(4), "optimizer.1.step": torch.tensor(3.0),
     }  # fmt: skip
-    wider = widen(tensors, torch.tensor([0, 2]), 3, "obs_norm", "actor")
+    wider = widen(tensors, [("a", 1), ("c", 1)], [("a", 1), ("b", 1), ("c", 1)], "obs_norm", "actor")
     assert wider["net.obs_norm.mean"].tolist() == [1.0, 0.0, 1.0] and wider["net.obs_norm.var"].tolist() == [
         3.0,
         1.0,
@@ -39,24 +41,47 @@ def test_only_what_reads_the_observation_becomes_wider():
         assert torch.equal(wider[name], tensors[name])
 
 
-def test_a_run_with_the_scan_begins_as_the_one_without_it_ended(tmp_path):
+def test_other_observations_are_left_alone():
+    tensors = {"net.obs_norm.mean": torch.ones(2)}
+    assert widen(tensors, [("a", 2)], [("b", 2)], "obs_norm", "actor") is tensors
+
+
+def test_a_history_begins_with_the_statistics_of_its_rows():
+    rows = [("gyro", 3), ("gravity", 3), ("joint_pos", 20), ("joint_vel", 20), ("carry_pos", 20), ("last_action", 20)]
+    index = alike([*rows, ("history", 132)])
+    assert index[:86].tolist() == list(range(86))
+    assert torch.equal(index[86:152], torch.cat([torch.arange(46), torch.arange(66, 86)]))
+    assert torch.equal(index[152:], index[86:152])
+    runner = Runner(TrainConfig(out=Path("unused"), task=TaskConfig(history=2), **SMALL))  # type: ignore[arg-type]
+    layout = runner.env.policy_table.layout()
+    old = layout[:-1]
+    size = sum(width for _, width in old)
+    tensors = {"net.obs_norm.mean": torch.arange(size), "net.obs_norm.var": torch.arange(size) + 0.5}
+    wider = widen(tensors, old, layout, "obs_norm", "actor")
+    assert torch.equal(wider["net.obs_norm.mean"][size:], torch.cat([torch.arange(46), torch.arange(66, 86)] * 2))
+    assert torch.equal(wider["net.obs_norm.var"], wider["net.obs_norm.mean"] + 0.5)
+
+
+@pytest.mark.parametrize("added", [{"scan": True}, {"history": 3}, {"scan": True, "history": 3}])
+def test_a_run_that_reads_more_begins_as_the_one_before_ended(tmp_path, added):
     first = Runner(TrainConfig(out=tmp_path / "first", average=0.0, **SMALL))
     for _ in range(2):
         first.learn_once()
     first.save()
     wide = Runner(
-        TrainConfig(out=tmp_path / "wide", init=tmp_path / "first", task=TaskConfig(scan=True), **SMALL)  # type: ignore[arg-type]
+        TrainConfig(out=tmp_path / "wide", init=tmp_path / "first", task=TaskConfig(**added), **SMALL)  # type: ignore[arg-type]
     )
     size = first.env.policy_table.size
-    assert wide.obs.shape[1] == size + 40
+    more = 40 * added.get("scan", False) + 66 * added.get("history", 0)
+    assert wide.obs.shape[1] == size + more
     varied = first.net.obs_norm.var >= 1e-5  # the others are taken out when a run begins with another's networks
     observation = torch.where(varied, torch.randn(5, size), first.net.obs_norm.mean)
-    scanned = torch.cat([observation, torch.rand(5, 40)], dim=1)
+    wider = torch.cat([observation, torch.rand(5, more)], dim=1)
     # a constant input gets weight zero: it did nothing but add to the biases, which stay
     with torch.no_grad():
         for agent in first.net.agents:
             first.net.nets[agent.name].actor[0].weight[:, ~varied] = 0.0
-        torch.testing.assert_close(wide.net.act(scanned), first.net.act(observation), rtol=0, atol=1e-6)
+        torch.testing.assert_close(wide.net.act(wider), first.net.act(observation), rtol=0, atol=1e-6)
     wide.learn_once()
     with pytest.raises(CheckpointError, match="observation layout differs"):
         Runner(TrainConfig(out=tmp_path / "narrow", init=save(wide), **SMALL))

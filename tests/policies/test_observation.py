@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+import torch
 
 from hotice.fields import build_hod_pf
 from hotice.model.robot_state import RobotState
 from hotice.policies.guidance import read_fields
-from hotice.policies.observation import Carrying, layout_of, observe
+from hotice.policies.observation import Carrying, layout_of, observe, remember
 from hotice.policies.percept import Percept, PerceptModel
 from hotice.policies.policy_task import PolicyTask
 from hotice.sim.observations import ObservationTable, policy_rows
@@ -17,7 +18,7 @@ def fields():
     return {s.name: build_hod_pf(s) for s in load_scenes(["beam", "gap", "pillars", "pipe"])}
 
 
-def twin(env, states, fields, task, i):
+def twin(env, states, fields, task, i, past=()):
     state = states[int(env.memory.model[i])]
     robot = RobotState.from_mujoco(
         env.physics.qpos[i].numpy(), env.physics.qvel[i].numpy(), carried=state.carried, wrist_pos=state.wrist_pos
@@ -25,12 +26,13 @@ def twin(env, states, fields, task, i):
     percept = PerceptModel(state.carried)(*robot.to_mujoco(29))
     reading = read_fields(fields[env.bank.names[int(env.memory.scene[i])]], percept, task)
     action, phase = env.memory.action[i].numpy(), float(env.memory.phase[i])
-    return observe(percept, reading, Carrying.of(state), action, phase, task.scan), percept, reading
+    return observe(percept, reading, Carrying.of(state), action, phase, task.scan, np.asarray(past)), percept, reading
 
 
+@pytest.mark.parametrize("steps", [0, 4])
 @pytest.mark.parametrize("scan", [False, True])
-def test_layout_is_the_environments(scan):
-    assert list(layout_of(PolicyTask(scan=scan))) == ObservationTable(policy_rows(scan)).layout()
+def test_layout_is_the_environments(scan, steps):
+    assert list(layout_of(PolicyTask(scan=scan, history=steps))) == ObservationTable(policy_rows(scan, steps)).layout()
 
 
 @pytest.mark.parametrize(("preset", "scan"), [("dual_hodpf", False), ("dual_hodpf", True), ("dual_sgf", False)])
@@ -49,6 +51,20 @@ def test_observation_equals_the_environments(make_env, states, fields, preset, s
         np.testing.assert_allclose(percept.p_WK, s.p_WK[i, :11], atol=1e-6)
         np.testing.assert_allclose(reading.goal_distance[0], s.goal_distance[i], atol=1e-6)
         np.testing.assert_allclose(reading.speed[0], s.speed[i], atol=1e-5)
+
+
+def test_the_history_is_the_environments(make_env, states, fields):
+    env, task = make_env(history=3), PolicyTask(history=3)
+    generator = torch.Generator().manual_seed(0)
+    observation, past = env.reset()[0], np.zeros((env.num_envs, 198))
+    for _ in range(5):
+        got = [twin(env, states, fields, task, i, past[i])[0] for i in range(env.num_envs)]
+        np.testing.assert_allclose(got, observation, atol=1e-5)
+        past = np.stack([remember(p, o) for p, o in zip(past, got, strict=True)])
+        step = env.step(0.1 * torch.randn(env.num_envs, 20, generator=generator))
+        assert not (step.outcome > 0).any()
+        observation = step.policy
+    assert np.ptp(past.reshape(-1, 3, 66), axis=1).max() > 0.01, "frames differ"
 
 
 def test_the_two_fields_differ_near_obstacles(make_env, states, fields):

@@ -57,6 +57,14 @@ def test_the_scan_is_off_unless_the_file_says_so():
         PolicyTask.from_meta(meta | {"task": meta["task"] | {"scan": 1}})
 
 
+@pytest.mark.parametrize("value", [True, -1, 51, 2.0, "3"])
+def test_an_impossible_history_is_named(value):
+    meta = open_policy("carry").meta
+    assert PolicyTask.from_meta(meta).history == 0
+    with pytest.raises(CheckpointError, match="history is .* from 0 to 50"):
+        PolicyTask.from_meta(meta | {"task": meta["task"] | {"history": value}})
+
+
 @pytest.mark.parametrize("value", [None, True, "0.3", float("nan"), -1.0])
 def test_an_impossible_constant_is_named(value):
     meta = open_policy("carry").meta
@@ -77,6 +85,10 @@ def test_another_observation_is_told_with_what_to_give():
         CheckpointError, match=r"241 numbers are read, 201 given.*policy reads scan \(40\): give --scan"
     ):
         check_layout("p", wider, LAYOUT)
+    with pytest.raises(CheckpointError, match=r"give --scan --history 2, or a policy for this observation$"):
+        check_layout("p", (*wider, ("history", 132)), LAYOUT)
+    with pytest.raises(CheckpointError, match=r"give --history 0, or a policy for this observation$"):
+        check_layout("p", LAYOUT, (*LAYOUT, ("history", 66)))
     with pytest.raises(CheckpointError, match=r"first difference: the policy reads clock \(2\)$"):
         check_layout("p", LAYOUT, [row for row in wider if row[0] != "clock"])
     with pytest.raises(CheckpointError, match="another order$"):
