@@ -11,6 +11,7 @@ which hold the environments of all. Without torchrun there is one rank and every
 from __future__ import annotations
 
 import atexit
+import importlib
 import os
 from collections.abc import Iterable
 
@@ -31,6 +32,9 @@ def start(device: str) -> str:
         device = f"cuda:{os.environ['LOCAL_RANK']}"
         torch.cuda.set_device(device)
     if not dist.is_initialized():
+        # Functions of this module keep, as a default, the group that they find when it is imported, and with it gloo's
+        # threads; those may abort a process whose interpreter ends. Torch imports it at the first update: too late.
+        importlib.import_module("torch.distributed.nn")
         dist.init_process_group("cpu:gloo,cuda:nccl" if device.startswith("cuda") else "gloo")
         atexit.register(dist.destroy_process_group)
     return device

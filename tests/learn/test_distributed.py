@@ -23,7 +23,14 @@ FIELDS = ("obs", "critic_obs", "action", "mean", "log_prob", "value", "advantage
 CONFIG = PpoConfig(steps=STEPS, minibatches=1, epochs=3, max_grad_norm=1e3, learning_rate=1e-2)
 
 EACH_RANK = """
-import sys
+import atexit, json, os, sys
+from pathlib import Path
+
+def threads_left():
+    names = [Path(f"/proc/self/task/{{t}}/comm").read_text().strip() for t in os.listdir("/proc/self/task")]
+    Path(f"threads{{os.environ['RANK']}}.json").write_text(json.dumps(names))
+
+atexit.register(threads_left)  # before all others: runs as the last of them
 sys.path.insert(0, {tests!r})
 from test_distributed import distributed, learn
 from safetensors.torch import load_file, save_file
@@ -87,6 +94,9 @@ def test_two_ranks_learn_like_one_process_with_the_joined_batch(rollout, tmp_pat
         assert torch.equal(first[key], second[key]), key
         torch.testing.assert_close(first[key], value, rtol=1e-5, atol=1e-6, msg=lambda m, key=key: f"{key}: {m}")
     assert any(value.abs().max() > 1e-3 for key, value in alone.items() if key.startswith("gradient."))
+    for rank in range(2):  # left over, they could abort the process
+        threads = json.loads((tmp_path / f"threads{rank}.json").read_text())
+        assert threads and not [name for name in threads if "gloo" in name]
 
 
 @pytest.mark.slow
