@@ -14,6 +14,7 @@ from hotice.errors import CheckpointError
 from hotice.learn.checkpoint import read_meta, resolve
 from hotice.learn.networks import ActorCritic
 from hotice.learn.policy import TorchPolicy, check_layout, torch_policy
+from hotice.learn.widen import columns_within
 from hotice.sim.env import TransportEnv
 
 CONTRACT = (
@@ -27,11 +28,13 @@ CONTRACT = (
 class Teachers:
     """K frozen policies and who teaches where.
 
-    nets: their networks. std (K, 20): their standard deviations. of_scene (S,): the teacher of each scene of the student's
-    task. sources: checkpoint folder of each and the SHA-256 of its tensors.
+    nets: their networks. columns: what each reads of the student's observation, (O_k,). std (K, 20): their standard deviations.
+    of_scene (S,): the teacher of each scene of the student's task. sources: checkpoint folder of each and the SHA-256 of its
+    tensors.
     """
 
     nets: tuple[ActorCritic, ...]
+    columns: tuple[Tensor, ...]
     std: Tensor
     of_scene: Tensor
     sources: dict[str, str]
@@ -41,6 +44,8 @@ class Teachers:
         cls, specialists: Sequence[Path], generalist: Path | None, env: TransportEnv, task: dict[str, Any], preset: str
     ) -> Teachers:
         """Reads checkpoints (or the newest of runs) and gives every scene of `env` its teacher.
+
+        A teacher may read fewer rows than the student, which may have a history, say, that the teacher does not need.
 
         Of the specialists that were trained on a scene, the one with the fewest scenes teaches there (of equals the first);
         scenes that none of them knows are the generalist's. Only those that teach somewhere are kept.
@@ -71,10 +76,10 @@ class Teachers:
         policies = [torch_policy(folders[k]) for k in used]
         for policy in policies:
             check_contract(policy, task, preset)
-            check_layout(policy, env.policy_table.layout())
+        columns = tuple(_columns(policy, env.policy_table.layout()).to(env.device) for policy in policies)
         nets = tuple(policy.net.to(env.device) for policy in policies)
         return cls(
-            nets=nets, std=torch.stack([net.std().detach() for net in nets]),
+            nets=nets, columns=columns, std=torch.stack([net.std().detach() for net in nets]),
             of_scene=torch.tensor([used.index(k) for k in chosen], device=env.device),
             sources={str(folders[k]): read_meta(folders[k])["sha256"] for k in used},
         )  # fmt: skip
@@ -84,10 +89,19 @@ class Teachers:
         """Means (B, 20) of true, raw observations (B, O) in scenes (B,), and which teacher (B,) they are of."""
         teacher = self.of_scene[scene]
         mean = torch.empty(len(obs), self.std.shape[1], device=obs.device)
-        for k, net in enumerate(self.nets):
+        for k, (net, columns) in enumerate(zip(self.nets, self.columns, strict=True)):
             rows = torch.nonzero(teacher == k).squeeze(1)
-            mean[rows] = net.act(obs[rows])
+            mean[rows] = net.act(obs[rows][:, columns])
         return mean, teacher
+
+
+def _columns(policy: TorchPolicy, layout: list[tuple[str, int]]) -> Tensor:
+    """Where the rows of a teacher are in the student's `layout`. Raises `CheckpointError` where one is missing."""
+    columns = columns_within(policy.meta["layout"], layout)
+    if columns is None:
+        check_layout(policy, layout)
+    assert columns is not None
+    return columns
 
 
 def check_contract(policy: TorchPolicy, task: dict[str, Any], preset: str) -> None:

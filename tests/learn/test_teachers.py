@@ -28,9 +28,9 @@ def teacher(run, tmp_path):
 @pytest.fixture
 def load(run, tiny):
     """Function: teachers of a student that carries through these scenes."""
-    layout = [tuple(row) for row in load_checkpoint(run)[1]["layout"]]
+    layout_of_run = [tuple(row) for row in load_checkpoint(run)[1]["layout"]]
 
-    def make(specialists, scenes, generalist=None, task=None, preset="dual_hodpf"):
+    def make(specialists, scenes, generalist=None, task=None, preset="dual_hodpf", layout=layout_of_run):
         env = SimpleNamespace(
             bank=SimpleNamespace(names=list(scenes)), device=torch.device("cpu"),
             policy_table=SimpleNamespace(layout=lambda: layout),
@@ -47,6 +47,17 @@ def test_each_scene_has_the_most_special_teacher(teacher, load):
     teachers = load([wide, narrow], ["b", "a", "d"], rest)
     assert [list(teachers.sources)[k].split("/")[-2] for k in teachers.of_scene] == ["narrow", "wide", "rest"]
     assert len(load([wide, narrow], ["a", "c"]).nets) == 1, "who teaches nowhere is left out"
+
+
+def test_a_student_may_read_more_than_its_teacher(teacher, load, run):
+    layout = [tuple(row) for row in load_checkpoint(run)[1]["layout"]]
+    same = load([teacher("one", ["a"])], ["a"])
+    wide = load([teacher("one", ["a"])], ["a"], layout=[("scan", 40), *layout, ("history", 66)])
+    obs, scene = torch.randn(4, len(same.nets[0].obs_norm.mean)), torch.zeros(4, dtype=torch.int64)
+    more = torch.cat([torch.rand(4, 40), obs, torch.rand(4, 66)], dim=1)
+    assert torch.equal(wide.label(more, scene)[0], same.label(obs, scene)[0])
+    with pytest.raises(CheckpointError, match="first difference: the policy reads gyro"):
+        load([teacher("one", ["a"])], ["a"], layout=layout[1:])
 
 
 def test_labels_are_of_the_teacher_of_the_scene(teacher, load):
