@@ -5,6 +5,8 @@ Both own their work space, made once; a solve reads the arrays of `Problem` and 
 
 from __future__ import annotations
 
+import atexit
+import weakref
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -67,7 +69,11 @@ class Solver(Protocol):
 
 
 class ProxQp:
-    """Proximal augmented Lagrangian on dense matrices (proxsuite)."""
+    """Proximal augmented Lagrangian on dense matrices (proxsuite).
+
+    Its work space is given back when the program ends: diagrams keep their systems beyond that, and proxsuite would report
+    a leak.
+    """
 
     def __init__(self, problem: Problem, *, tolerance: float = 1e-5, max_iterations: int = 100) -> None:
         from proxsuite import proxqp
@@ -79,6 +85,7 @@ class ProxQp:
         settings.initial_guess = proxqp.InitialGuess.WARM_START
         settings.check_duality_gap = False
         self._ready = False
+        _ALIVE.add(self)
 
     def solve(self, guess: Guess) -> bool:
         """See `Solver`."""
@@ -94,6 +101,15 @@ class ProxQp:
             return False
         guess.x[:], guess.y[:], guess.z[:] = results.x, results.y, results.z
         return True
+
+
+_ALIVE: weakref.WeakSet[ProxQp] = weakref.WeakSet()
+
+
+@atexit.register
+def _give_back() -> None:
+    for solver in list(_ALIVE):
+        vars(solver).clear()
 
 
 class Osqp:

@@ -1,6 +1,8 @@
 """The whole-body QP: dynamics, cones and limits of its solutions, its fallback, and one solver against the other."""
 
 import copy
+import subprocess
+import sys
 from dataclasses import replace
 
 import mujoco
@@ -324,3 +326,20 @@ def test_bad_parameters_say_so():
         Targets().gain_frame("nose", 1.0, 1.0)
     assert issubclass(InvalidConfig, HoticeError) and len(FRAMES) == 5
     assert FIRST_CONE == 40
+
+
+KEPT = """
+import ctypes
+from hotice.control.solvers import Guess, Problem, make_solver
+
+problem = Problem(n=2, equalities=0, inequalities=0)
+problem.H[:], problem.g[:] = [[1.0, 0.0], [0.0, 1.0]], 1.0
+solver, guess = make_solver("proxqp", problem), Guess.zeros(problem)
+print(solver.solve(guess))
+ctypes.pythonapi.Py_IncRef(ctypes.py_object(solver))  # kept for ever, as a diagram keeps its systems
+"""
+
+
+def test_a_solver_that_outlives_the_program_is_no_leak():
+    done = subprocess.run([sys.executable, "-c", KEPT], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "True\n", "")
