@@ -11,13 +11,13 @@ from pydrake.systems.analysis import Simulator
 from hotice.errors import CheckpointError
 from hotice.fields.bank import FieldBank
 from hotice.model.sensing import STUDENT_SENSING, SensingConfig
-from hotice.policies import Percept, PerceptModel, open_policy
+from hotice.policies import Percept, PerceptModel, PolicyTask, open_policy
 from hotice.policies.guidance import read_fields
-from hotice.policies.observation import LAYOUT, Carrying, observe
+from hotice.policies.observation import LAYOUT, Carrying, layout_of, observe, remember
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.systems.guidance_field import GuidanceFieldSystem
-from hotice.systems.policy import ACTION, MEMORY, PHASE, PolicySystem, next_action
+from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PolicySystem, next_action
 from hotice.systems.sensor_model import DRAWS, ESTIMATE, SensorModel, draw_delays, measure
 
 NOISY = SensingConfig(joint_pos_rad=0.03, object_pos_m=0.05, root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0)
@@ -149,7 +149,9 @@ def test_policy(station, carry, robot_state):
     simulator = stepped(system, percept=percept.vector, guidance=reading.vector)
     action = np.zeros(20)
     for k in range(3):
-        observation = observe(percept, reading, Carrying.of(carry), action, k * 2 * np.pi * 1.4 * 0.02, False)
+        observation = observe(
+            percept, reading, Carrying.of(carry), action, k * 2 * np.pi * 1.4 * 0.02, False, np.zeros(0)
+        )
         action = next_action(session.run(observation[None])[0].astype(float), 4.0)
         context = simulator.get_context()
         np.testing.assert_allclose(system.GetOutputPort("action").Eval(context), action, atol=1e-6)
@@ -157,6 +159,32 @@ def test_policy(station, carry, robot_state):
         np.testing.assert_allclose(system.GetOutputPort("joint_target").Eval(context), target, atol=1e-6)
         simulator.AdvanceTo(0.02 * (k + 1) + 0.001)
     assert np.abs(action).max() > 0.1
+
+
+def test_a_policy_with_a_history(station, carry, robot_state, rng):
+    """It reads the steps before, the newest first, and forgets them while it rests."""
+    percept, reading = policy_inputs(station, carry, robot_state)
+    shipped = open_policy("carry")
+    meta = shipped.meta | {"task": shipped.meta["task"] | {"history": 3}}
+    layout = layout_of(PolicyTask.from_meta(meta))
+    weights = 0.05 * rng.standard_normal((sum(width for _, width in layout), 20))
+    session = SimpleNamespace(name="past", meta=meta, layout=layout, run=lambda observations: observations @ weights)
+    system = PolicySystem(session, carry)
+    simulator = stepped(system, percept=percept.vector, guidance=reading.vector, active=[1.0])
+    action, past = np.zeros(20), np.zeros(198)
+    for k in range(5):
+        observation = observe(percept, reading, Carrying.of(carry), action, k * 2 * np.pi * 1.4 * 0.02, False, past)
+        action, past = next_action(session.run(observation), 4.0), remember(past, observation)
+        context = simulator.get_mutable_context()
+        np.testing.assert_allclose(system.GetOutputPort("action").Eval(context), action, atol=1e-5)
+        np.testing.assert_allclose(context.get_discrete_state(MEMORY).value()[PAST], past, atol=1e-5)
+        percept.q[:] += 0.1
+        system.GetInputPort("percept").FixValue(context, percept.vector)
+        simulator.AdvanceTo(0.02 * (k + 1) + 0.001)
+    assert len(np.unique(past.reshape(3, 66)[:, 6])) == 3
+    system.GetInputPort("active").FixValue(simulator.get_mutable_context(), [0.0])
+    simulator.AdvanceTo(0.121)
+    assert not simulator.get_context().get_discrete_state(MEMORY).value()[PAST].any()
 
 
 def test_policy_rests_until_it_is_active(station, carry, robot_state):
@@ -216,10 +244,11 @@ def test_station_equals_training(station, beam, carry):
     from hotice.learn.policy import load_policy
 
     bank = CarryBank.of([carry], 0.005, torch.device("cpu"), scene=beam)
-    quiet = TaskConfig(start_noise_m=0.0, start_yaw_noise_rad=0.0, joint_noise_rad=0.0, scan=True)
+    policy = load_policy("student")
+    reads = {name: policy.meta["task"].get(name, 0) for name in ("scan", "history")}
+    quiet = TaskConfig(start_noise_m=0.0, start_yaw_noise_rad=0.0, joint_noise_rad=0.0, **reads)
     env = TransportEnv(1, FieldBank.build([beam]), bank, seed=2, config=quiet, threads=1)
     obs, _ = env.reset()
-    policy = load_policy("student")
     simulator = Simulator(station)
     root = simulator.get_mutable_context()
     plant, acting = (station.GetSubsystemByName(name) for name in ("plant", "policy"))

@@ -66,7 +66,8 @@ def test_record(station, rollout, tmp_path):
     assert record.scene.name == "beam" and len(record.time_s) == 151 and record.arrow_force_W.shape == (151, 19, 3)
     again = RolloutRecord.load(record.save(tmp_path / "r.npz"))
     np.testing.assert_allclose(again.root_pos_W, record.root_pos_W, atol=1e-6)
-    assert record.outcome == "timeout"  # 3 s are too short to arrive
+    arrived = np.hypot(*(record.root_pos_W[:, :2] - record.scene.goal).T) < 0.1
+    assert record.outcome == ("success" if arrived.any() else "timeout")
 
 
 def test_judge(station, rollout):
