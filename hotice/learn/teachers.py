@@ -76,7 +76,7 @@ class Teachers:
         policies = [torch_policy(folders[k]) for k in used]
         for policy in policies:
             check_contract(policy, task, preset)
-        columns = tuple(_columns(policy, env.policy_table.layout()).to(env.device) for policy in policies)
+        columns = tuple(columns_in(policy, env.policy_table.layout()).to(env.device) for policy in policies)
         nets = tuple(policy.net.to(env.device) for policy in policies)
         return cls(
             nets=nets, columns=columns, std=torch.stack([net.std().detach() for net in nets]),
@@ -95,11 +95,12 @@ class Teachers:
         return mean, teacher
 
 
-def _columns(policy: TorchPolicy, layout: list[tuple[str, int]]) -> Tensor:
+def columns_in(policy: TorchPolicy, layout: list[tuple[str, int]]) -> Tensor:
     """Where the rows of a teacher are in the student's `layout`. Raises `CheckpointError` where one is missing."""
     columns = columns_within(policy.meta["layout"], layout)
-    if columns is None:
-        check_layout(policy, layout)
+    if columns is None:  # then this raises, about what the teacher misses alone
+        read = dict(policy.meta["layout"])
+        check_layout(policy, [row for row in layout if row[0] in read])
     assert columns is not None
     return columns
 

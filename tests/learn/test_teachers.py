@@ -7,7 +7,7 @@ from hotice.errors import CheckpointError
 from hotice.learn.checkpoint import load_checkpoint, save_checkpoint
 from hotice.learn.policy import torch_policy
 from hotice.learn.runner import config_to_dict
-from hotice.learn.teachers import Teachers
+from hotice.learn.teachers import Teachers, columns_in
 
 
 @pytest.fixture
@@ -58,6 +58,13 @@ def test_a_student_may_read_more_than_its_teacher(teacher, load, run):
     assert torch.equal(wide.label(more, scene)[0], same.label(obs, scene)[0])
     with pytest.raises(CheckpointError, match="first difference: the policy reads gyro"):
         load([teacher("one", ["a"])], ["a"], layout=layout[1:])
+
+
+def test_a_student_that_reads_less_is_told_what_it_lacks():
+    policy = SimpleNamespace(name="teacher", meta={"layout": [["gyro", 3], ["scan", 40]]})
+    assert columns_in(policy, [("gyro", 3), ("scan", 40), ("history", 66)]).tolist() == list(range(43))
+    with pytest.raises(CheckpointError, match=r"reads scan \(40\): give --scan, or"):
+        columns_in(policy, [("gyro", 3), ("history", 66)])
 
 
 def test_labels_are_of_the_teacher_of_the_scene(teacher, load):
