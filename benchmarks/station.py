@@ -24,10 +24,10 @@ from rich.console import Console
 from rich.table import Table
 
 from hotice.files import write_text
-from hotice.model import g1, load_scene
+from hotice.model import g1, history, load_scene
 from hotice.policies import PerceptModel
 from hotice.policies.guidance import read_fields
-from hotice.policies.observation import Carrying, observe
+from hotice.policies.observation import Carrying, observe, remember
 from hotice.systems import StationConfig, make_station
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.policy import next_action
@@ -56,12 +56,13 @@ class PlainLoop:
         mujoco.mj_resetData(model, data)
         data.qpos[:] = station.start_qpos
         action, phase, step = np.zeros(20), 0.0, 2.0 * np.pi * task.gait_hz * task.control_dt_s
-        substeps = round(task.control_dt_s / station.physics_dt_s)
+        past, substeps = np.zeros(task.history * history.FRAME), round(task.control_dt_s / station.physics_dt_s)
         for _ in range(round(seconds / task.control_dt_s)):
             state = robot_state_of_mujoco(np.concatenate([data.qpos, data.qvel]), carry.wrist_pos)
             percept = self.percept(state[:43], state[43:])
             reading = read_fields(station.pf, percept, task)
-            observation = observe(percept, reading, self.carrying, action, phase, task.scan)
+            observation = observe(percept, reading, self.carrying, action, phase, task.scan, past)
+            past = remember(past, observation)
             action = next_action(station.policy.run(observation[None])[0].astype(float), task.action_limit)
             phase = (phase + step) % (2.0 * np.pi)
             target = carry.joint_target + self.scale * action
@@ -116,7 +117,7 @@ def environment(seconds: float) -> float:
     torch.set_num_threads(1)
     config = StationConfig()
     policy = load_policy(config.policy, threads=1)
-    task = TaskConfig(scan=policy.meta["task"].get("scan", False))
+    task = TaskConfig(**{name: policy.meta["task"].get(name, 0) for name in ("scan", "history")})
     env = TransportEnv(1, [load_scene(config.scene)], config.carried, threads=1, config=task)
     obs, _ = env.reset()
 

@@ -233,3 +233,11 @@ def test_no_torch_and_no_drake():
     code = "import sys; sys.modules['pydrake'] = None; import hotice.systems"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "hotice.systems needs Drake, which is not installed: pip install 'hotice[drake]'" in done.stderr
+
+
+def test_the_station_is_the_plain_loop_of_the_benchmark():
+    from benchmarks.station import environment, speed
+
+    report = speed("pd", StationConfig(servo="pd"), seconds=0.2, rounds=1)
+    assert report["bitwise"] and report["share"] > 0
+    assert environment(0.1) > 0
