@@ -12,3 +12,8 @@ FRAME = sum(width for _, width in ROWS)
 """Numbers of a frame, one control step."""
 LONGEST = 50
 """Most control steps that can be kept: one second."""
+
+
+def is_length(steps: object) -> bool:
+    """Whether so many control steps can be kept: a whole number from 0 to `LONGEST`."""
+    return type(steps) is int and 0 <= steps <= LONGEST

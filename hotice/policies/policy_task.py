@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hotice.errors import CheckpointError
 from hotice.model import g1
-from hotice.model.history import LONGEST
+from hotice.model.history import LONGEST, is_length
 
 OBJECT_FIELDS = {"dual_hodpf": "ogf", "single_hodpf": "ogf", "dual_sgf": "sgf", "single_sgf": "sgf"}
 """Which field hands and object read, by preset (`hotice.sim.config.PRESETS`)."""
@@ -45,7 +45,7 @@ class PolicyTask:
         if not isinstance(scan, bool):
             raise CheckpointError(f"{name}: task constant scan is {scan!r}: true or false is needed")
         past = task.get("history", 0) if isinstance(task, Mapping) else 0
-        if type(past) is not int or not 0 <= past <= LONGEST:
+        if not is_length(past):
             raise CheckpointError(
                 f"{name}: task constant history is {past!r}: a whole number from 0 to {LONGEST} is needed"
             )

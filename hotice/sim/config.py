@@ -9,7 +9,7 @@ from types import MappingProxyType
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
 from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig
-from hotice.model.history import LONGEST
+from hotice.model.history import LONGEST, is_length
 from hotice.model.object_range import ObjectRange
 from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
 
@@ -127,7 +127,7 @@ class TaskConfig:
     scan: bool = False
     """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields only)."""
     history: int = 0
-    """Past control steps of which the actors also read joints, IMU and actions (ours; FALCON: 5)."""
+    """Past control steps of which the actors also read joints, IMU and actions (ours)."""
 
     def __post_init__(self) -> None:
         positive = (
@@ -155,7 +155,7 @@ class TaskConfig:
             raise InvalidConfig(
                 f"episode_s is {self.episode_s!r}: at least a control step, {self.control_dt_s:g} s, is needed"
             )
-        if isinstance(self.history, bool) or self.history not in range(LONGEST + 1):
+        if not is_length(self.history):
             raise InvalidConfig(f"history is {self.history!r}: a whole number from 0 to {LONGEST} is needed")
         if not 0.0 <= self.anywhere <= 1.0:
             raise InvalidConfig(f"anywhere is {self.anywhere!r}: a share between 0 and 1 is needed")

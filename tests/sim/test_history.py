@@ -92,7 +92,7 @@ def test_without_a_history_nothing_is_kept():
     assert Memory.zeros(3, torch.device("cpu")).past.shape == (3, 0)
 
 
-@pytest.mark.parametrize("steps", [-1, 51, 2.5, True])
+@pytest.mark.parametrize("steps", [-1, 51, 2.5, 2.0, True, "3"])
 def test_impossible_lengths_are_refused(steps):
     with pytest.raises(InvalidConfig, match="history is .*whole number from 0 to 50"):
         TaskConfig(history=steps)
