@@ -124,6 +124,8 @@ class TaskConfig:
     """Training curriculum: penetrations up to this deep are penalised but do not end the episode (ours)."""
     end_at_goal: bool = False
     """Whether reaching the goal ends the episode (evaluation)."""
+    goal_stay_s: float = 0.0
+    """Training: mean time that an episode goes on at the goal before it is cut short, as by the time limit; 0: never is (ours)."""
     scan: bool = False
     """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields only)."""
     history: int = 0
@@ -147,6 +149,7 @@ class TaskConfig:
             "joint_noise_rad",
             "push_m_s",
             "tolerance_m",
+            "goal_stay_s",
         ):
             value = getattr(self, name)
             if not 0 <= value <= MOST:

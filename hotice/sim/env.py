@@ -280,6 +280,8 @@ class TransportEnv:
         """Index into `OUTCOMES` of each episode, 0 where it goes on; earlier rows win."""
         outcome = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
         timeout = self.memory.step >= self.config.max_steps
+        if self.config.goal_stay_s:
+            timeout |= self._stayed(s)
         outcome[timeout] = OUTCOMES.index("timeout")
         if self.config.end_at_goal:
             outcome[s.goal_distance < self.config.goal_radius_m] = OUTCOMES.index("success")
@@ -288,6 +290,12 @@ class TransportEnv:
                 outcome[row.condition(s)] = OUTCOMES.index(row.name)
         outcome[unstable] = OUTCOMES.index("unstable")
         return outcome
+
+    def _stayed(self, s: Snapshot) -> Tensor:
+        """Which of those at the goal have stood there long enough, (N,) bool: drawn, so that nothing has to be remembered."""
+        chance = self.config.control_dt_s / self.config.goal_stay_s
+        leaves = torch.rand(self.num_envs, generator=self.generator, device=self.device) < chance
+        return leaves & (s.goal_distance < self.config.goal_radius_m)
 
     def _start(self, ids: Tensor) -> None:
         m, n = self.memory, len(ids)

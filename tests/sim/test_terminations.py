@@ -165,6 +165,19 @@ def test_without_end_at_goal_the_episode_goes_on(env):
     assert (env._outcome(s, torch.zeros(8).bool()) == 0).all()
 
 
+def test_a_stay_at_the_goal_is_cut_short_after_its_mean_time(make_env):
+    """Drawn in every step, so the mean of 1,600 draws a step apart is the time asked for; away from the goal nothing is cut."""
+    env = make_env(8, goal_stay_s=0.1)
+    env.reset()
+    running = torch.zeros(8).bool()
+    there, away = snapshot_where(env.snapshot(), goal=True), snapshot_where(env.snapshot())
+    cut = torch.stack([env._outcome(there, running) for _ in range(200)])
+    assert set(cut.unique().tolist()) == {0, OUTCOMES.index("timeout")}
+    share = float((cut > 0).float().mean())
+    assert env.config.control_dt_s / share == pytest.approx(0.1, rel=0.15)
+    assert all((env._outcome(away, running) == 0).all() for _ in range(200))
+
+
 def test_reaching_the_goal_ends_a_trial_with_success(make_env):
     env = make_env(2, end_at_goal=True)
     env.reset()
