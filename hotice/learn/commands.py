@@ -35,6 +35,16 @@ class ExportConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class MergeConfig:
+    """One average of branches."""
+
+    parts: tuple[Path, ...]
+    """Checkpoint folders, or runs (their newest checkpoints), that went on from the same networks."""
+    out: Path
+    """Folder of the run to write: one checkpoint."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlayConfig:
     """Rollouts to look at."""
 
@@ -137,6 +147,14 @@ def export(config: Flat[ExportConfig]) -> int:
     return 0
 
 
+def merge(config: Flat[MergeConfig]) -> int:
+    """Average branches of one run, weight by weight, into one checkpoint."""
+    from hotice.learn.merge import merge as run
+
+    print(run(config.parts, config.out))
+    return 0
+
+
 def play(config: Flat[PlayConfig]) -> int:
     """Run a policy and write a replay page, a picture and, if asked for, a film."""
     from hotice.learn.play import play as run
@@ -168,5 +186,6 @@ def scene() -> int:
 
 COMMANDS = {
     "train": train, "distill": distill, "finetune": finetune, "pipeline": pipeline, "evaluate": evaluate,
-    "reproduce": reproduce, "export": export, "play": play, "tables": tables, "benchmark": benchmark, "scene": scene,
+    "reproduce": reproduce, "merge": merge, "export": export, "play": play, "tables": tables, "benchmark": benchmark,
+    "scene": scene,
 }  # fmt: skip

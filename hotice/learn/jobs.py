@@ -25,7 +25,8 @@ from hotice.files import make_folder, write_text
 FORMAT = "hotice-job/1"
 RESULT, LOG, LOCK = "result.json", "log.txt", "lock"
 OUTPUTS: Mapping[str, str] = {
-    "train": "", "distill": "", "finetune": "", "evaluate": "report.json", "export": "policy.onnx", "play": "replay.html",
+    "train": "", "distill": "", "finetune": "", "merge": "",
+    "evaluate": "report.json", "export": "policy.onnx", "play": "replay.html",
 }  # fmt: skip
 """Commands that can be jobs, and where in the job's folder their output goes (runs: the folder itself)."""
 USER_ERROR = 2

@@ -125,7 +125,7 @@ class TaskConfig:
     end_at_goal: bool = False
     """Whether reaching the goal ends the episode (evaluation)."""
     goal_stay_s: float = 0.0
-    """Training: mean time that an episode goes on at the goal before it is cut short, as by the time limit; 0: never is (ours)."""
+    """Training: mean time at the goal before an episode is cut short, as by the time limit; 0: it never is (ours)."""
     scan: bool = False
     """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields only)."""
     history: int = 0

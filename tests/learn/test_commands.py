@@ -10,7 +10,7 @@ import pytest
 from hotice.learn.__main__ import main
 
 COMMANDS = (
-    "train", "distill", "finetune", "pipeline", "evaluate", "reproduce", "export", "play", "tables", "benchmark",
+    "train", "distill", "finetune", "pipeline", "evaluate", "reproduce", "merge", "export", "play", "tables", "benchmark",
 )  # fmt: skip
 NAN, INF = float("nan"), float("inf")
 
