@@ -243,12 +243,8 @@ class TransportEnv:
             self.physics.step(self.config.substeps)
             return
         target = ctrl.clone()
-
-        def before(k: int) -> None:
-            arrived = (sensors.action_delay <= k)[:, None]
-            ctrl[:] = torch.where(arrived, target, self.held.to(target.dtype))
-
-        self.physics.step(self.config.substeps, before)
+        ctrl[:] = self.held.to(ctrl.dtype)
+        self.physics.step(self.config.substeps, target, sensors.action_delay)
         self.held = target.float()
 
     def _observe(self, s: Snapshot, ids: Tensor) -> Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import mujoco
 import mujoco.batch
@@ -78,26 +78,49 @@ class MujocoBatch:
         for name, values in self._rows.items():
             self._fields[name][rows] = values[which].reshape(len(rows), *self._fields[name].shape[1:])
 
-    def step(self, substeps: int, before: Callable[[int], None] | None = None) -> None:
+    def step(self, substeps: int, target: Tensor | None = None, delay: Tensor | None = None) -> None:
         if self.hits is not None:
-            self.hits.zero_()
-        at_once = substeps if self._hit_count is None and before is None else 1
-        for k in range(0, substeps, at_once):
-            if before is not None:
-                before(k)
-            last = k + at_once == substeps
-            self._step(at_once, _STAGE.mjSTAGE_ACC if last and self.hits is not None else _STAGE.mjSTAGE_VEL)
-            if self._hit_count is not None and self.hits is not None:  # a contact counts in whichever step it happens
-                moved = slice(None) if self.only is None else self.only
-                self.hits[moved] |= self._hit_count[moved] > 0
+            self._step_with_hits(substeps, target, delay)
+        elif target is None or delay is None:
+            self._step(substeps, self._moved())
+        else:  # equal delays together: every call reads and writes all the memory of its simulations
+            for first in torch.unique(delay.clamp(max=substeps)).tolist():
+                ids = self._moved(delay.clamp(max=substeps) == first)
+                if first:
+                    self._step(first, ids)
+                if first < substeps:
+                    self.ctrl[ids] = target[ids].to(self.ctrl.dtype)
+                    self._step(substeps - first, ids)
         self.actuator_force.copy_(self._force)
 
-    def _step(self, substeps: int, stage: mujoco.mjtStage) -> None:
-        """Steps, then computes stages of the new state; contact sensors are current from `mjSTAGE_ACC` on."""
+    def _step_with_hits(self, substeps: int, target: Tensor | None, delay: Tensor | None) -> None:
+        """The same one by one: a contact counts in whichever physics step it happens."""
+        assert self.hits is not None and self._hit_count is not None
+        self.hits.zero_()
+        ids = self._moved()
+        moved = slice(None) if ids is None else ids
+        for k in range(substeps):
+            if target is not None and delay is not None:
+                arrives = delay == k
+                self.ctrl[arrives] = target[arrives].to(self.ctrl.dtype)
+            self._step(1, ids, _STAGE.mjSTAGE_ACC if k == substeps - 1 else _STAGE.mjSTAGE_VEL)
+            self.hits[moved] |= self._hit_count[moved] > 0
+
+    def _moved(self, which: Tensor | None = None) -> Tensor | None:
+        """Ids (n,) of the simulations that move, of those in `which` (N,) bool; None for all."""
+        if which is None:
+            return self.only
+        ids = torch.nonzero(which).squeeze(1)
+        return ids if self.only is None else ids[torch.isin(ids, self.only)]
+
+    def _step(self, substeps: int, ids: Tensor | None, stage: mujoco.mjtStage = _STAGE.mjSTAGE_VEL) -> None:
+        """Steps `ids`, then computes stages of the new state; contact sensors are current from `mjSTAGE_ACC` on."""
+        if ids is not None and not len(ids):
+            return
         try:
             with unlogged():
-                ids = None if self.only is None else self.only.to(torch.int32).numpy()
-                self.batch.step(ids=ids, nstep=substeps, stage=stage)
+                rows = None if ids is None else ids.to(torch.int32).numpy()
+                self.batch.step(ids=rows, nstep=substeps, stage=stage)
         except mujoco.batch.SimulationError as error:  # those rows keep their state: mark them, the task ends them
             self.qvel[torch.as_tensor(np.asarray(error.ids), dtype=torch.int64)] = torch.nan
 

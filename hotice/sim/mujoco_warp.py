@@ -82,11 +82,11 @@ class MujocoWarp:
             field = self._fields[name]
             field[ids] = values[model_ids].view(len(ids), *field.shape[1:])
 
-    def step(self, substeps: int, before: Callable[[int], None] | None = None) -> None:
-        at_once = substeps if before is None else 1
+    def step(self, substeps: int, target: Tensor | None = None, delay: Tensor | None = None) -> None:
+        at_once = substeps if target is None or delay is None else 1
         for k in range(0, substeps, at_once):
-            if before is not None:
-                before(k)
+            if target is not None and delay is not None:
+                self.ctrl.copy_(torch.where((delay == k)[:, None], target.to(self.ctrl.dtype), self.ctrl))
             self._run(at_once)
         self.actuator_force.copy_(self._force)
         overflow = self._overflow & ~_LIMITED

@@ -5,7 +5,7 @@ Everything above this protocol is torch and does not know which simulator runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 import mujoco
@@ -44,10 +44,11 @@ class Physics(Protocol):
     actuator_force: Tensor
     hits: Tensor | None
 
-    def step(self, substeps: int, before: Callable[[int], None] | None = None) -> None:
+    def step(self, substeps: int, target: Tensor | None = None, delay: Tensor | None = None) -> None:
         """Advances all simulations; derived tensors then describe the new state.
 
-        `before(k)` is called ahead of physics step k and may change `ctrl`.
+        With `target` (N, nu) and `delay` (N,) int64, simulation i keeps its `ctrl` for `delay[i]` physics steps and then takes
+        `target[i]`; where the delay is not shorter than `substeps`, it keeps it.
         """
         ...
 

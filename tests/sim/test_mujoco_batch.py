@@ -5,6 +5,9 @@ import torch
 
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import builder
+from hotice.model.scene import Obstacle, Scene
+from hotice.model.shapes import BoxShape
+from hotice.sim.carry_bank import CarryBank
 from hotice.sim.mujoco_batch import MujocoBatch, differing_fields
 from hotice.sim.physics import make_physics
 
@@ -78,6 +81,42 @@ def test_equals_a_plain_step_loop_bit_for_bit_with_each_rows_own_object(carry):
             np.testing.assert_array_equal(physics.xpos[i].numpy(), data.xpos)
             np.testing.assert_array_equal(physics.cvel[i].numpy(), data.cvel)
     assert not torch.equal(physics.qpos[0], physics.qpos[1])
+
+
+@pytest.mark.parametrize("only", [None, [0, 3, 4, 6]])
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_delayed_target_arrives_in_its_physics_step(carry, states, only, exact):
+    """Grouped by delay, and one by one where contacts with obstacles (far away here) are watched."""
+    if exact:
+        far = Scene("far", obstacles=(Obstacle("block", "ground", BoxShape((0.1, 0.1, 0.1)), (2.0, 0.9, 0.2)),))
+        carry = CarryBank.of(states, 0.005, torch.device("cpu"), scene=far)
+    physics = started(carry, 7)
+    assert (physics.hits is not None) == exact
+    plain = []
+    for i in range(7):
+        data = mujoco.MjData(carry.models[i % 4])
+        data.qpos[:], data.ctrl[:] = physics.qpos[i].numpy(), physics.ctrl[i].numpy()
+        plain.append((carry.models[i % 4], data))
+    physics.only = None if only is None else torch.tensor(only)
+    moving = range(7) if only is None else only
+    generator = torch.Generator().manual_seed(1)
+    delay = torch.tensor([0, 1, 2, 3, 4, 9, 2])
+    for _ in range(5):
+        target = physics.ctrl + 0.1 * torch.randn(7, 20, generator=generator)
+        physics.step(4, target.float(), delay)
+        for i in moving:
+            model, data = plain[i]
+            for k in range(4):
+                if k == delay[i]:
+                    data.ctrl[:] = target[i].float().numpy()
+                mujoco.mj_step(model, data)
+            np.testing.assert_array_equal(physics.qpos[i].numpy(), data.qpos)
+            np.testing.assert_array_equal(physics.qvel[i].numpy(), data.qvel)
+            np.testing.assert_array_equal(physics.ctrl[i].numpy(), data.ctrl)
+            if not exact:  # there, the stages that find contacts compute the forces of the new state
+                np.testing.assert_array_equal(physics.actuator_force[i].numpy(), data.actuator_force)
+    still = [i for i in range(7) if i not in moving]
+    assert torch.equal(physics.qpos[still], carry.qpos[torch.tensor(still, dtype=torch.int64) % 4])
 
 
 def test_only_some_advance_and_the_others_stand_still(carry):

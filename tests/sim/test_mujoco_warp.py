@@ -41,6 +41,20 @@ def place(physics, carry):
     physics.forward(ids)
 
 
+def test_a_delayed_target_arrives_in_the_same_physics_step(warp_and_batch, shaped):
+    delay = torch.tensor([0, 1, 3, 4])
+    for physics in warp_and_batch:
+        place(physics, shaped)
+    for sign in (1.0, -1.0, 1.0):
+        for physics in warp_and_batch:
+            physics.step(4, shaped.target + 0.05 * sign, delay)
+    warp, batch = warp_and_batch
+    assert torch.equal(warp.ctrl, batch.ctrl.float())
+    assert torch.equal(warp.ctrl[3], shaped.target[3]), "a whole control step late: not yet there"
+    assert largest_difference(warp.qpos, batch.qpos) < 1e-4
+    assert largest_difference(warp.qvel, batch.qvel) < 1e-2
+
+
 def largest_difference(a, b):
     return float((a.double() - b.double()).abs().max())
 

@@ -163,16 +163,22 @@ def test_a_late_action_reaches_the_motors_part_way(make_env):
     env = noisy(make_env, 5, action_delay_s=0.02)
     env.sensors.action_delay[:] = torch.arange(5)
     held = env.held.clone()
-    applied = []
+    applied = [[] for _ in range(5)]
     step = env.physics._step
-    env.physics._step = lambda *a: (applied.append(env.physics.ctrl.clone()), step(*a))
-    action = torch.ones(5, 20)
-    env.step(action)
+
+    def watched(substeps, ids, *stage):
+        for i in range(5) if ids is None else ids.tolist():
+            applied[i] += [env.physics.ctrl[i].clone()] * substeps
+        step(substeps, ids, *stage)
+
+    env.physics._step = watched
+    env.step(torch.ones(5, 20))
     target = env.held.double()
-    assert len(applied) == 4 and (target != held).all()
-    for k, ctrl in enumerate(applied):
-        for i in range(5):
-            torch.testing.assert_close(ctrl[i], target[i] if k >= i else held[i].double())
+    assert (target != held).all()
+    for i, rows in enumerate(applied):
+        assert len(rows) == 4
+        for k, ctrl in enumerate(rows):
+            torch.testing.assert_close(ctrl, target[i] if k >= i else held[i].double())
 
 
 def test_rewards_and_critic_read_the_truth(make_env):
