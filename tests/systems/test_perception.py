@@ -245,7 +245,8 @@ def test_station_equals_training(station, beam, carry):
 
     bank = CarryBank.of([carry], 0.005, torch.device("cpu"), scene=beam)
     policy = load_policy("student")
-    reads = {name: policy.meta["task"].get(name, 0) for name in ("scan", "history")}
+    own = ("scan", "history", "speed_m_s", "stop_gain_hz")
+    reads = {name: policy.meta["task"][name] for name in own}
     quiet = TaskConfig(start_noise_m=0.0, start_yaw_noise_rad=0.0, joint_noise_rad=0.0, **reads)
     env = TransportEnv(1, FieldBank.build([beam]), bank, seed=2, config=quiet, threads=1)
     obs, _ = env.reset()
