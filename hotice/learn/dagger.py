@@ -15,14 +15,17 @@ with, which the teachers' values (of a better policy in an exact world) are not.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from hotice.errors import CheckpointError
+from hotice.learn.checkpoint import read_meta
 from hotice.learn.labels import Labels, ReplayBuffer
 from hotice.learn.learner import Learner, Mirror
+from hotice.learn.lineage import line_of
 from hotice.learn.losses import clipped_value
 from hotice.learn.networks import ActorCritic, kl_divergence
 from hotice.learn.runner import Runner, config_to_dict
@@ -115,6 +118,8 @@ class DistillRunner(Runner):
     def _make_learner(self, generator: torch.Generator) -> Dagger:
         cfg, env = self.config, self.env
         teachers = Teachers.load(cfg.teachers, cfg.generalist, env, config_to_dict(cfg.task), cfg.preset)
+        for folder in teachers.sources:
+            self.ancestors |= line_of(read_meta(Path(folder)))
         steps, n, size = cfg.ppo.steps, env.num_envs, env.policy_table.size
         self.sensed = torch.zeros(steps, n, size, device=env.device)
         self.truth = torch.zeros_like(self.sensed)

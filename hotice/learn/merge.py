@@ -17,6 +17,7 @@ from hotice.errors import CheckpointError, InvalidConfig, OutputError
 from hotice.learn.average import COUNT, PREFIX, averaged
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, read_meta, resolve, save_checkpoint
 from hotice.learn.health import check_weights
+from hotice.learn.lineage import ANCESTORS, line_of
 
 MERGED = "merged"
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
@@ -51,6 +52,10 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
         if (kept := PREFIX + name.removeprefix("net.")) in first:
             merged[kept] = merged[name].clone()
     own = {k: v for k, v in meta.items() if k not in ("format", "sha256", "update")}
+    behind: dict[str, int] = {}
+    for each in (meta, *(m for _, m in others)):
+        behind |= line_of(each)
+    own[ANCESTORS] = {digest: steps for digest, steps in behind.items() if digest != meta["sha256"]}
     own[MERGED] = [{"steps": m["steps"], "sha256": m["sha256"]} for m in (meta, *(m for _, m in others))]
     return save_checkpoint(out, int(meta["update"]), merged, own)
 

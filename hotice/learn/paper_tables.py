@@ -86,7 +86,7 @@ def table_markdown(table: Table, made: Mapping[str, Made]) -> str:
             continue
         report = made[row.policy].report
         low, high = report["success_interval_95"]
-        steps = report["trained"].get("steps")
+        steps = report["trained"].get("total_steps", report["trained"].get("steps"))
         lines.append(
             f"| {row.label} | {100 * report['success_rate']:.1f} | {100 * low:.1f}–{100 * high:.1f} | "
             f"{report['mean_distance_m']:.3f} | {sum(s['rollouts'] for s in report['scenes'])} | {theirs} | "
@@ -103,12 +103,19 @@ def origins_markdown(made: Mapping[str, Made]) -> str:
         source = trained.get("source", {})
         lines += [
             f"- `{name}`: {entry.report['policy']}, preset `{entry.report['preset']}`, trained for "
-            f"{trained.get('steps', '?')} steps ({trained.get('updates', '?')} updates, {trained.get('minutes', '?')} minutes, "
+            f"{trained.get('steps', '?')} steps{_behind(trained)} "
+            f"({trained.get('updates', '?')} updates, {trained.get('minutes', '?')} minutes, "
             f"seed {trained.get('seed', '?')}) at commit `{source.get('commit', 'unknown')}`",
             f"  - trained by: {f'`{entry.trained_by}`' if entry.trained_by else 'given, its command is not recorded'}",
             f"  - evaluated by: `{entry.evaluated_by}`, at commit `{entry.report['source'].get('commit', 'unknown')}`",
         ]
     return "\n".join(lines)
+
+
+def _behind(trained: Mapping[str, Any]) -> str:
+    """Steps of what a policy began from, as words."""
+    before = trained.get("total_steps", 0) - trained.get("steps", 0)
+    return f" after {before} of the checkpoints that it began from" if before > 0 else ""
 
 
 def tables_json(tables: Sequence[str], made: Mapping[str, Made]) -> dict[str, Any]:

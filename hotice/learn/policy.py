@@ -16,6 +16,7 @@ from hotice.files import write_bytes
 from hotice.learn.average import averaged
 from hotice.learn.checkpoint import load_checkpoint
 from hotice.learn.health import check_weights
+from hotice.learn.lineage import total_steps
 from hotice.learn.networks import ActorCritic
 from hotice.policies import policy_file
 from hotice.policies.policy_file import (
@@ -119,8 +120,8 @@ def policy_meta(meta: dict[str, Any]) -> dict[str, Any]:
     return {
         "format": FORMAT, "preset": config["preset"], "layout": [list(row) for row in meta["layout"]],
         "task": config["task"], "trained": {
-            "steps": meta["steps"], "updates": meta["update"], "minutes": round(meta["minutes"], 1),
-            "seed": config["seed"], "scenes": config["scenes"], "source": meta["source"],
+            "steps": meta["steps"], "total_steps": total_steps(meta), "updates": meta["update"],
+            "minutes": round(meta["minutes"], 1), "seed": config["seed"], "scenes": config["scenes"], "source": meta["source"],
         },
     }  # fmt: skip
 

@@ -28,6 +28,7 @@ from hotice.learn.failures import ran_out_of_memory
 from hotice.learn.gae import gae
 from hotice.learn.health import check_network, check_physics, check_weights
 from hotice.learn.learner import Learner
+from hotice.learn.lineage import ANCESTORS, line_of
 from hotice.learn.networks import ActorCritic
 from hotice.learn.progress import Progress
 from hotice.learn.scene_sets import resolve_scenes
@@ -46,6 +47,7 @@ class Runner:
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
         self.config = config
+        self.ancestors: dict[str, int] = {}
         use_threads(config.threads)
         torch.manual_seed(config.seed)
         task = config.task.perturbed() if config.perturbed else config.task
@@ -212,7 +214,7 @@ class Runner:
             **self.algo.meta(), "steps": self.steps, "minutes": self.minutes,
             "config": config_to_dict(self.config), "layout": self.env.policy_table.layout(),
             "critic_layout": self.env.critic_table.layout(), "scenes": self.env.bank.names, "source": source_version(),
-            "num_envs": self.env.num_envs, "ranks": distributed.size(),
+            ANCESTORS: self.ancestors, "num_envs": self.env.num_envs, "ranks": distributed.size(),
         }  # fmt: skip
         self._saved_at = time.monotonic()
         if distributed.rank() == 0:
@@ -234,6 +236,7 @@ class Runner:
         self.average.load_state(tensors)
         self.algo.load_state(tensors, meta)
         self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
+        self.ancestors = dict(meta.get(ANCESTORS, {}))
         self.stages.load_state(tensors)
         if meta.get("ranks", 1) != distributed.size():
             return
@@ -261,6 +264,7 @@ class Runner:
         tensors, meta = load_checkpoint(path, self.env.device)
         with _same_version(path):
             check_weights(path, tensors)
+            self.ancestors |= line_of(meta)
             tensors, meta = self._widened(averaged(tensors), meta)
             self._load_net(path, tensors, meta)
             if kind_of(meta) == self.algo.kind:

@@ -1,0 +1,22 @@
+"""What a checkpoint owes to others: the environment steps of every checkpoint that its weights or labels come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+ANCESTORS = "ancestors"
+
+
+def line_of(meta: Mapping[str, Any]) -> dict[str, int]:
+    """Steps by SHA-256 of the tensors: of the checkpoint of `meta` and of all behind it.
+
+    An ancestor shared by two branches is one entry, so that the sum over a merged line counts it once. Two checkpoints of one
+    run are two entries: where branches began from different ones, what these share counts twice.
+    """
+    return {**meta.get(ANCESTORS, {}), str(meta["sha256"]): int(meta["steps"])}
+
+
+def total_steps(meta: Mapping[str, Any]) -> int:
+    """Environment steps of the run of `meta` and of all behind it; checkpoints from before lines were kept count their own."""
+    return int(meta["steps"]) + sum(meta.get(ANCESTORS, {}).values())
