@@ -98,7 +98,7 @@ class TrainConfig:
     critic_updates: int = 0
     """First updates that train only the critics: they get to know the task before they lead the actors."""
     curriculum: bool = True
-    """Draw scenes that are neither solved nor hopeless more often."""
+    """Draw scenes that still fail more often than solved ones."""
     curriculum_distance_m: float = 0.0
     """Start within this way of the goal, at least 0.3, and farther away as more episodes reach it; 0: at any distance."""
     curriculum_objects: float = 0.0

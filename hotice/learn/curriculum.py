@@ -1,4 +1,4 @@
-"""What to train on next: scenes that are neither solved nor hopeless; near goals and small objects before far and large ones."""
+"""What to train on next: scenes that still fail before solved ones; near goals and small objects before far and large ones."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ RISE, FALL = 0.7, 0.2
 
 
 class SceneCurriculum:
-    """Draws scenes in proportion to `floor` + 4 p (1 − p), p the running rate of reaching the goal in a scene.
+    """Draws scenes in proportion to `floor` + 4 q (1 − q), q = max(p, ½), p the running rate of reaching the goal in a scene.
 
-    p starts at a half, so that every scene is tried; goal success counts, not survival: a robot that stops before an obstacle
+    Scenes that fail in half of their episodes or more have the same weight; above that it falls to `floor` at p = 1. p starts at a half, so that every scene is tried; goal success counts, not survival: a robot that stops before an obstacle
     has not learnt to pass it.
     """
 
@@ -30,7 +30,8 @@ class SceneCurriculum:
 
     def weights(self) -> Tensor:
         """Sampling weights, (S,)."""
-        return self.floor + 4.0 * self.rate * (1.0 - self.rate)
+        q = self.rate.clamp_min(0.5)
+        return self.floor + 4.0 * q * (1.0 - q)
 
 
 class Stages:

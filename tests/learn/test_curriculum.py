@@ -11,14 +11,14 @@ from hotice.learn.curriculum import SceneCurriculum, Stages
 from hotice.learn.runner import Runner
 
 
-def test_scenes_at_the_edge_of_skill_come_first():
-    curriculum = SceneCurriculum(3, torch.device("cpu"))
-    ended = torch.full((3,), 200.0)
+def test_scenes_that_still_fail_come_first():
+    curriculum = SceneCurriculum(4, torch.device("cpu"))
+    ended = torch.full((4,), 200.0)
     for _ in range(10):
-        curriculum.update(ended, torch.tensor([200.0, 100.0, 0.0]))
+        curriculum.update(ended, torch.tensor([200.0, 150.0, 100.0, 0.0]))
     weights = curriculum.weights()
-    torch.testing.assert_close(curriculum.rate, torch.tensor([1.0, 0.5, 0.0]), atol=1e-3, rtol=0)
-    torch.testing.assert_close(weights, torch.tensor([0.25, 1.25, 0.25]), atol=1e-2, rtol=0)
+    torch.testing.assert_close(curriculum.rate, torch.tensor([1.0, 0.75, 0.5, 0.0]), atol=1e-3, rtol=0)
+    torch.testing.assert_close(weights, torch.tensor([0.25, 1.0, 1.25, 1.25]), atol=1e-2, rtol=0)
 
 
 def test_no_episodes_change_nothing_and_every_scene_keeps_a_chance():
