@@ -14,8 +14,9 @@ RISE, FALL = 0.7, 0.2
 class SceneCurriculum:
     """Draws scenes in proportion to `floor` + 4 q (1 − q), q = max(p, ½), p the running rate of reaching the goal in a scene.
 
-    Scenes that fail in half of their episodes or more have the same weight; above that it falls to `floor` at p = 1. p starts at a half, so that every scene is tried; goal success counts, not survival: a robot that stops before an obstacle
-    has not learnt to pass it.
+    Scenes that fail in half of their episodes or more have the same weight; above that it falls to `floor` at p = 1. p starts at
+    a half, so that every scene is tried; goal success counts, not survival: a robot that stops before an obstacle has not learnt
+    to pass it.
     """
 
     def __init__(self, num_scenes: int, device: torch.device, floor: float = 0.25, memory: float = 60.0) -> None:

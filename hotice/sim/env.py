@@ -7,7 +7,7 @@ what they read; `Physics` is what moves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -138,9 +138,12 @@ class TransportEnv:
         self.held = torch.zeros(num_envs, 20, device=self.device)
         self.read = torch.zeros(num_envs, self.policy_table.size, device=self.device)
         self.frame = torch.nonzero(self.policy_table.columns([n for n, _ in history.ROWS]))[:, 0].to(self.device)
+        self.exact = cfg.sensing.exact and not bool(self.carry.joint_offset.any())
+        """Whether actors read the truth."""
+        self.truth = torch.zeros(num_envs, self.policy_table.size, device=self.device)
         self.sensors = Sensors(
             cfg.sensing, num_envs, cfg.control_dt_s, cfg.substeps, self.device, self._guide,
-            self.policy_table.columns(KNOWN_ROWS).to(self.device),
+            self.policy_table.columns(KNOWN_ROWS).to(self.device), self.layout.chains,
         )  # fmt: skip
         scale = torch.full((20,), cfg.leg_scale_rad, device=self.device)
         scale[12:] = cfg.arm_scale_rad
@@ -159,13 +162,13 @@ class TransportEnv:
         self._start(self.everyone)
         s = self.snapshot()
         self.rewards.check(s)
-        return self._observe(s, self.everyone), self.critic_table(s)
+        return self._observe(s, self.everyone), self._privileged(s, self.everyone)
 
     def state(self) -> dict[str, Tensor]:
         """Copies of everything that later steps depend on: physics, memory, random state, scene weights."""
         rows = {f"physics.{k}": v for k, v in self.physics.state().items()}
         rows |= {f"memory.{k}": v.clone() for k, v in vars(self.memory).items()}
-        if not self.config.sensing.exact:
+        if not self.exact:
             rows |= {f"sensors.{k}": v for k, v in self.sensors.state().items()}
             rows |= {"held": self.held.clone(), "read": self.read.clone()}
         rows["generator"] = self.generator.get_state()
@@ -183,13 +186,13 @@ class TransportEnv:
         self.starter.scene_weight.copy_(state["scene_weight"])
         self.unstable = int(state["unstable"])
         s = self.snapshot()
-        if self.config.sensing.exact:
+        if self.exact:
             self.read = self.policy_table(s)
-            return self.read.clone(), self.critic_table(s)
+            return self.read.clone(), self._privileged(s, self.everyone)
         self.sensors.load_state({k.removeprefix("sensors."): v for k, v in state.items() if k.startswith("sensors.")})
         self.held.copy_(state["held"])
         self.read.copy_(state["read"])
-        return self.read.clone(), self.critic_table(s)
+        return self.read.clone(), self._privileged(s, self.everyone)
 
     def step(self, action: Tensor) -> Step:
         """One control step (20 ms) with actions (N, 20)."""
@@ -207,7 +210,7 @@ class TransportEnv:
         reward = reward + TERMINATION_PENALTY * (terminated & ~success)[:, None]
         reward = torch.where(unstable[:, None], torch.full_like(reward, TERMINATION_PENALTY), reward)
         terms = torch.where(unstable[:, None], torch.zeros_like(terms), terms)
-        policy, critic = self._observe(s, self.everyone), self.critic_table(s)
+        policy, critic = self._observe(s, self.everyone), self._privileged(s, self.everyone)
         final_critic = critic
         scene, model, length = self.memory.scene.clone(), self.memory.model.clone(), self.memory.step.clone()
         done = torch.nonzero(outcome > 0).squeeze(1)
@@ -215,7 +218,7 @@ class TransportEnv:
             final_critic = critic.clone()
             self._start(done)
             fresh = self.snapshot(done)
-            policy[done], critic[done] = self._observe(fresh, done), self.critic_table(fresh)
+            policy[done], critic[done] = self._observe(fresh, done), self._privileged(fresh, done)
         return Step(
             policy=policy, critic=critic, final_critic=final_critic, reward=reward, terms=terms,
             terminated=terminated, truncated=truncated, outcome=outcome, goal_distance=s.goal_distance,
@@ -228,6 +231,7 @@ class TransportEnv:
         m = self.memory
         if self.config.history:
             m.past = torch.cat([self.read[:, self.frame], m.past[:, : -history.FRAME]], dim=1)
+            m.true_past = torch.cat([self.truth[:, self.frame], m.true_past[:, : -history.FRAME]], dim=1)
         limit = self.config.action_limit
         m.last_action = m.action
         m.action = torch.nan_to_num(action.detach().to(self.device, torch.float32), nan=0.0).clamp(-limit, limit)
@@ -249,13 +253,19 @@ class TransportEnv:
 
     def _observe(self, s: Snapshot, ids: Tensor) -> Tensor:
         """What the actors of environments `ids` read of their snapshot."""
-        if self.config.sensing.exact:
+        if self.exact:
             self.read[ids] = self.policy_table(s)
             return self.read[ids]
         offset = self.carry.joint_offset[self.memory.model[ids]]
         measured = self.policy_table(self.sensors.measure(s, ids, offset, self.generator))
         self.read[ids] = self.sensors.delay(measured, ids)
         return self.read[ids]
+
+    def _privileged(self, s: Snapshot, ids: Tensor) -> Tensor:
+        """What critics, and teachers in their first columns, read of a snapshot of environments `ids`: the truth."""
+        rows = self.critic_table(replace(s, past=self.memory.true_past[ids]))
+        self.truth[ids] = rows[:, : self.policy_table.size]
+        return rows
 
     def _contain(self, place: Tensor) -> Tensor:
         """Finds diverged simulations, (N,) bool; until they are restarted they stand at their last `place` (N, 2) [m]."""
@@ -304,8 +314,9 @@ class TransportEnv:
         m.action[ids] = 0.0
         m.last_action[ids] = 0.0
         m.past[ids] = 0.0
+        m.true_past[ids] = 0.0
         self.held[ids] = self.carry.target[m.model[ids]]
-        if not self.config.sensing.exact:
+        if not self.exact:
             self.sensors.restart(ids, self.generator)
         side = torch.rand(n, generator=self.generator, device=self.device) < 0.5
         m.phase[ids] = torch.where(side, 0.0, torch.pi)

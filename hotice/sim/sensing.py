@@ -18,9 +18,11 @@ from hotice.model.sensing import (
     STUDENT_SENSING,
     TRACK_HEADING,
     TRACK_PLACE,
+    TRACK_TILT,
     TRACK_VELOCITY,
     SensingConfig,
 )
+from hotice.sim.kinematics import turn_joints
 from hotice.sim.snapshot import Motion, Snapshot
 
 __all__ = ["KNOWN_ROWS", "STUDENT_SENSING", "Sensors", "SensingConfig"]
@@ -28,26 +30,28 @@ __all__ = ["KNOWN_ROWS", "STUDENT_SENSING", "Sensors", "SensingConfig"]
 KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size", "history")
 """Rows of the policy observation that no sensor measures now: they are never late. The history keeps what was read."""
 
-_STATE = ("root", "velocity", "object", "age", "action_delay", "late", "seen")
+_STATE = ("root", "velocity", "gravity", "object", "age", "action_delay", "late", "seen")
 
 
 class Sensors:
     """Estimates of N environments.
 
     `guide(motion, ids)` gives the guidance part of a snapshot at a (measured) motion; `never_late` (O,) bool marks the columns
-    of the observation that are known rather than measured.
+    of the observation that are known rather than measured; `moved`: which keypoints each joint moves (`hotice.sim.kinematics`).
     """
 
     def __init__(
         self, config: SensingConfig, num_envs: int, control_dt_s: float, substeps: int, device: torch.device,
-        guide: Callable[[Motion, Tensor], dict[str, Any]], never_late: Tensor,
+        guide: Callable[[Motion, Tensor], dict[str, Any]], never_late: Tensor, moved: list[list[int]],
     ) -> None:  # fmt: skip
-        self.config, self.guide = config, guide
+        self.config, self.guide, self.moved = config, guide, moved
         self.hold_steps = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
         self.longest_delay = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
-        self.root = torch.zeros(num_envs, 4, device=device)
-        """Estimate x, y [m], sine and cosine of the heading."""
-        self.velocity = torch.zeros(num_envs, 2, device=device)
+        self.root = torch.zeros(num_envs, 5, device=device)
+        """Estimate x, y, z [m], sine and cosine of the heading."""
+        self.gravity = torch.zeros(num_envs, 3, device=device)
+        """Estimate of the direction of gravity in P."""
+        self.velocity = torch.zeros(num_envs, 3, device=device)
         """Tracked velocity of the root [m/s]; zero without tracking."""
         self.dt_s = control_dt_s
         self.object = torch.zeros(num_envs, 3, 3, device=device)
@@ -98,15 +102,19 @@ class Sensors:
             return (2.0 * torch.rand(like.shape, generator=generator, device=like.device) - 1.0) * half
 
         yaw = s.yaw + noise(s.yaw, cfg.root_yaw_rad)
-        seen = torch.stack([*(s.p_WP[:, :2] + noise(s.p_WP[:, :2], cfg.root_pos_m)).unbind(1), yaw.sin(), yaw.cos()], 1)
+        seen = torch.stack([*(s.p_WP + noise(s.p_WP, cfg.root_pos_m)).unbind(1), yaw.sin(), yaw.cos()], 1)
         gyro = s.w_WP_P + noise(s.w_WP_P, cfg.gyro_rad_s)
         gravity = s.gravity_P + noise(s.gravity_P, cfg.gravity)
-        root = self._tracked(ids, seen, -(gyro * gravity).sum(dim=1)) if cfg.root_tracking else self._held(ids, seen)
+        down_P = self._down(ids, gravity, gyro)
+        root = self._tracked(ids, seen, -(gyro * down_P).sum(dim=1)) if cfg.root_tracking else self._held(ids, seen)
         self.root[ids] = root
         self.age[ids] += 1
-        p_WP = torch.cat([root[:, :2], s.p_WP[:, 2:]], dim=1)
-        yaw = torch.atan2(root[:, 2], root[:, 3])
-        R_EW = _about_z(yaw - s.yaw)  # turns what is seen from the root into the estimated world frame
+        p_WP = root[:, :3]
+        yaw = torch.atan2(root[:, 3], root[:, 4])
+        R_EP = _about_z(yaw) @ _tilt(down_P)
+        R_EW = R_EP @ s.R_WP.transpose(1, 2)  # turns what is seen from the root into the estimated world frame
+        joint_error = joint_offset + noise(s.q, cfg.joint_pos_rad)
+        p_WK = turn_joints(s.p_WK, s.joint_axis_W, s.joint_anchor_W, joint_error, self.moved)
 
         def moved(p_W: Tensor) -> Tensor:
             return p_WP[:, None] + (p_W - s.p_WP[:, None]) @ R_EW.transpose(1, 2)
@@ -120,25 +128,36 @@ class Sensors:
         arms = torch.where(s.grasp.world_aligned[:, None, None], arms, arms @ (R_EW @ R_tilt).transpose(1, 2))
         p_WO = p_WP + (R_EW @ p_PO[:, :, None]).squeeze(-1)
         motion = {
-            "p_WP": p_WP, "yaw": yaw, "R_WP": R_EW @ s.R_WP, "p_WK": moved(s.p_WK), "p_WO": p_WO,
+            "p_WP": p_WP, "yaw": yaw, "R_WP": R_EP, "p_WK": moved(p_WK), "p_WO": p_WO,
             "p_WOK": p_WO[:, None] + arms, "R_WO": R_EW @ R_tilt @ s.R_WO,
-            "q": s.q + joint_offset + noise(s.q, cfg.joint_pos_rad), "qd": s.qd + noise(s.qd, cfg.joint_vel_rad_s),
+            "q": s.q + joint_error, "qd": s.qd + noise(s.qd, cfg.joint_vel_rad_s),
             "gravity_P": gravity, "w_WP_P": gyro,
         }  # fmt: skip
         measured = replace(s, **motion)
         return replace(measured, **self.guide(measured, ids))
 
+    def _down(self, ids: Tensor, gravity: Tensor, gyro: Tensor) -> Tensor:
+        """Direction of gravity in P (n, 3): turned by the gyro, pulled to what is measured now; true without noise."""
+        if not (self.config.gravity or self.config.gyro_rad_s):
+            return gravity
+        before = self.gravity[ids]
+        predicted = before + self.dt_s * torch.linalg.cross(before, gyro)
+        gain = torch.clamp(1.0 / (self.age[ids] + 1), min=TRACK_TILT)[:, None]
+        down = torch.nn.functional.normalize(torch.lerp(predicted, gravity, gain), dim=1)
+        self.gravity[ids] = down
+        return down
+
     def _held(self, ids: Tensor, seen: Tensor) -> Tensor:
-        """The root (n, 4) as it was last seen; `seen` (n, 4) counts where it is due."""
+        """The root (n, 5) as it was last seen; `seen` (n, 5) counts where it is due."""
         return torch.where(self._due(ids), seen, self.root[ids])
 
     def _tracked(self, ids: Tensor, seen: Tensor, turning: Tensor) -> Tensor:
-        """The root (n, 4), moved on with its velocity and turned by the gyro, `turning` (n,) [rad/s]; corrected where due."""
+        """The root (n, 5), moved on with its velocity and turned by the gyro, `turning` (n,) [rad/s]; corrected where due."""
         root, velocity, due = self.root[ids], self.velocity[ids], self._due(ids)
-        place = root[:, :2] + velocity * self.dt_s
-        yaw = torch.atan2(root[:, 2], root[:, 3]) + turning * self.dt_s
-        off = seen[:, :2] - place
-        yaw_off = torch.atan2(seen[:, 2], seen[:, 3]) - yaw
+        place = root[:, :3] + velocity * self.dt_s
+        yaw = torch.atan2(root[:, 3], root[:, 4]) + turning * self.dt_s
+        off = seen[:, :3] - place
+        yaw_off = torch.atan2(seen[:, 3], seen[:, 4]) - yaw
         yaw_off = torch.atan2(torch.sin(yaw_off), torch.cos(yaw_off))
         first = (self.age[ids] == 0)[:, None]
         faster = velocity + TRACK_VELOCITY / (self.hold_steps * self.dt_s) * off
@@ -169,6 +188,24 @@ def _about_z(angle: Tensor) -> Tensor:
     """Rotation matrices (N, 3, 3) about z by angles (N,) [rad]."""
     cos, sin, zero = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)
     rows = [cos, -sin, zero, sin, cos, zero, zero, zero, zero + 1.0]
+    return torch.stack(rows, dim=-1).view(-1, 3, 3)
+
+
+def _tilt(down_P: Tensor) -> Tensor:
+    """Rotations R_YP (N, 3, 3) of pelvises that see gravity in directions `down_P` (N, 3), unit vectors."""
+    along, across, up = (-down_P).unbind(-1)
+    level = torch.sqrt(across**2 + up**2).clamp_min(1e-6)
+    rows = [
+        level,
+        -along * across / level,
+        -along * up / level,
+        torch.zeros_like(up),
+        up / level,
+        -across / level,
+        along,
+        across,
+        up,
+    ]
     return torch.stack(rows, dim=-1).view(-1, 3, 3)
 
 

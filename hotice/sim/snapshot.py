@@ -14,6 +14,7 @@ from torch import Tensor
 
 from hotice.fields.bank import FieldSample
 from hotice.model import builder, g1, history
+from hotice.sim.kinematics import chains
 from hotice.sim.physics import Physics
 
 POINTS = g1.SGF_KEYPOINTS + g1.OGF_KEYPOINTS + g1.FOOT_ENDS
@@ -34,7 +35,7 @@ class Memory:
 
     action, last_action (N, 20); phase (N,) [rad] of the left leg's step clock; step (N,) control steps so far;
     scene (N,) and model (N,) ids; past (N, H) what the actors read in the steps before, frames of `hotice.model.history`,
-    the newest first.
+    the newest first; true_past (N, H) the same without noise and delay, which critics and teachers read.
     """
 
     action: Tensor
@@ -44,6 +45,7 @@ class Memory:
     scene: Tensor
     model: Tensor
     past: Tensor
+    true_past: Tensor
 
     @classmethod
     def zeros(cls, num_envs: int, device: torch.device, history_steps: int = 0) -> Memory:
@@ -56,6 +58,7 @@ class Memory:
             last_action=torch.zeros(num_envs, n_action, device=device),
             phase=torch.zeros(num_envs, device=device), step=step, scene=scene, model=model,
             past=torch.zeros(num_envs, history_steps * history.FRAME, device=device),
+            true_past=torch.zeros(num_envs, history_steps * history.FRAME, device=device),
         )  # fmt: skip
 
 
@@ -89,6 +92,10 @@ class Layout:
         sites = [model.site(n) for n in POINTS]
         self.point_body = torch.tensor([int(model.site_bodyid[s.id]) for s in sites], device=device)
         self.point_offset = torch.tensor([model.site_pos[s.id].tolist() for s in sites], device=device)
+        self.joint_body = torch.tensor([int(model.jnt_bodyid[j.id]) for j in joints], device=device)
+        self.joint_axis = torch.tensor(model.jnt_axis[[j.id for j in joints]], dtype=torch.float32, device=device)
+        self.joint_offset = torch.tensor(model.jnt_pos[[j.id for j in joints]], dtype=torch.float32, device=device)
+        self.chains = chains(model, list(g1.ACTION_JOINTS), self.point_body.tolist())
         self.limits = torch.tensor(model.jnt_range[[j.id for j in joints]], dtype=torch.float32, device=device)
         self.torque_limit = torch.tensor(model.actuator_forcerange[:, 1], dtype=torch.float32, device=device)
 
@@ -105,6 +112,8 @@ class Motion:
     gravity_P: Tensor
     q: Tensor
     qd: Tensor
+    joint_axis_W: Tensor
+    joint_anchor_W: Tensor
     torque: Tensor
     p_WK: Tensor
     v_WK: Tensor
@@ -176,6 +185,7 @@ def read_motion(
     qpos, qvel = take(physics.qpos), take(physics.qvel)
     p, o = layout.pelvis, layout.object
     R_WP, R_WO = xmat[:, p], xmat[:, o]
+    R_WJ = xmat[:, layout.joint_body]
     body = layout.point_body
     p_WK = xpos[:, body] + (xmat[:, body] @ layout.point_offset[:, :, None]).squeeze(-1)
     twist = cvel[:, body]
@@ -189,7 +199,10 @@ def read_motion(
     motion = Motion(
         p_WP=xpos[:, p], R_WP=R_WP, yaw=torch.atan2(R_WP[:, 1, 0], R_WP[:, 0, 0]),
         v_WP=qvel[:, :3], w_WP_P=qvel[:, 3:6], gravity_P=-R_WP[:, 2],
-        q=qpos[:, layout.q], qd=qvel[:, layout.qd], torque=take(physics.actuator_force),
+        q=qpos[:, layout.q], qd=qvel[:, layout.qd],
+        joint_axis_W=(R_WJ @ layout.joint_axis[:, :, None]).squeeze(-1),
+        joint_anchor_W=xpos[:, layout.joint_body] + (R_WJ @ layout.joint_offset[:, :, None]).squeeze(-1),
+        torque=take(physics.actuator_force),
         p_WK=p_WK, v_WK=v_WK, p_WO=p_WO, R_WO=R_WO, v_WO=v_WO, w_WO=w_WO,
         p_WOK=p_WO[:, None] + arm_WO, v_WOK=v_WO[:, None] + torch.linalg.cross(spin[:, None].expand_as(arm_WO), arm_WO),
     )  # fmt: skip
