@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -46,6 +47,9 @@ from hotice.sim.threads import one_thread
 
 CPU = torch.device("cpu")
 LONGEST_S = 120.0
+FINE_DT_S = 0.002
+BLOCKS, OBJECTS = 101, 102
+"""Streams of random numbers that no training draws from."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,8 +86,8 @@ class EvaluateConfig:
     """Smallest and largest extent of the objects."""
     mass_kg: tuple[float, float] = (0.5, 3.5)
     """Lightest and heaviest object."""
-    objects: int = 32
-    """Different objects, shared by all scenes."""
+    objects: int = 256
+    """Different objects, shared by all scenes; no more than `rollouts`. Trials with the same object have the same robot too."""
     horizon_s: float = 5.0
     """Time limit of a trial (paper: 5 s)."""
 
@@ -136,16 +140,22 @@ def evaluation_task(
     known = TaskConfig()
     kept = (
         "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s", "stop_gain_hz", "gait_hz", "swing_height_m",
-        "resolution_m", "margin_m", "scan", "history",
+        "resolution_m", "margin_m", "scan", "history", "physics_dt_s", "substeps",
     )  # fmt: skip
     values = {k: task[k] for k in kept if k in task}
     if fine:
-        values |= {"physics_dt_s": 0.002, "substeps": 10}
+        values |= _finer(replace(known, **{k: values[k] for k in ("physics_dt_s", "substeps") if k in values}))
     known = switch_off(known.perturbed() if perturbed else known, without)
     return replace(
         known, **values, episode_s=horizon_s, goal_radius_m=0.1, anywhere=0.0, end_at_goal=True, collisions=True,
         start_noise_m=0.03, start_yaw_noise_rad=0.1,
     )  # fmt: skip
+
+
+def _finer(task: TaskConfig) -> dict[str, Any]:
+    """Physics steps of `FINE_DT_S` or a little less in the same control period."""
+    substeps = math.ceil(task.control_dt_s / FINE_DT_S - 1e-9)
+    return {"physics_dt_s": task.control_dt_s / substeps, "substeps": substeps}
 
 
 def start_trials(
@@ -211,8 +221,12 @@ def _fields(scene: Scene, resolution_m: float, margin_m: float) -> FieldBank:
 
 
 def block_seed(seed: int, block: int) -> int:
-    """Seed of a block's random numbers; the first block has the evaluation's."""
-    return seed if block == 0 else int(np.random.SeedSequence([seed, block]).generate_state(2, np.uint32)[0])
+    """Seed of a block's random numbers, other than those of a training with the same `seed`."""
+    return _derived(seed, BLOCKS, block)
+
+
+def _derived(*numbers: int) -> int:
+    return int(np.random.SeedSequence(numbers).generate_state(1, np.uint32)[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,7 +245,9 @@ class Scorer:
         scenes = resolve_scenes(config.scenes)
         check_memory(min(config.batch, config.rollouts), config.rollouts * len(scenes))
         ranges = ObjectRange(shapes=config.shapes, size_m=config.size_m, mass_kg=config.mass_kg)
-        states = CarryBank.sample(ranges, min(config.objects, config.rollouts), config.seed, 0.005, CPU).states
+        states = CarryBank.sample(
+            ranges, min(config.objects, config.rollouts), _derived(config.seed, OBJECTS), 0.005, CPU
+        ).states
         return cls(config=config, scenes=tuple(scenes), states=states)
 
     def blocks(self) -> list[tuple[int, int]]:

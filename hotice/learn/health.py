@@ -30,8 +30,8 @@ def check_network(net: nn.Module, update: int, run: Path) -> None:
     name = first_not_finite(net.state_dict())
     if name is not None:
         raise DivergedError(
-            f"{name} is not finite after update {update}: the last checkpoint in {run} is from before; lower --learning-rate "
-            "or --max-learning-rate and go on from there with --resume"
+            f"{name} is not finite after update {update}: the last checkpoint in {run} is from before; lower "
+            "--max-learning-rate and go on from there with --resume"
         )
 
 

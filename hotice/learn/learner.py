@@ -142,7 +142,7 @@ class Learner:
             self.skipped_in_a_row += 1
             if self.skipped_in_a_row > MANY_SKIPPED:
                 raise DivergedError(
-                    f"{MANY_SKIPPED} minibatches in a row had gradients that are not finite: lower --learning-rate or "
+                    f"{MANY_SKIPPED} minibatches in a row had gradients that are not finite: lower "
                     "--max-learning-rate and go on from the last checkpoint with --resume"
                 )
             return

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-ANCESTORS = "ancestors"
+ANCESTORS, MERGED = "ancestors", "merged"
 
 
 def line_of(meta: Mapping[str, Any]) -> dict[str, int]:
@@ -14,9 +14,14 @@ def line_of(meta: Mapping[str, Any]) -> dict[str, int]:
     An ancestor shared by two branches is one entry, so that the sum over a merged line counts it once. Two checkpoints of one
     run are two entries: where branches began from different ones, what these share counts twice.
     """
-    return {**meta.get(ANCESTORS, {}), str(meta["sha256"]): int(meta["steps"])}
+    return {**meta.get(ANCESTORS, {}), str(meta["sha256"]): own_steps(meta)}
 
 
 def total_steps(meta: Mapping[str, Any]) -> int:
     """Environment steps of the run of `meta` and of all behind it; checkpoints from before lines were kept count their own."""
-    return int(meta["steps"]) + sum(meta.get(ANCESTORS, {}).values())
+    return own_steps(meta) + sum(meta.get(ANCESTORS, {}).values())
+
+
+def own_steps(meta: Mapping[str, Any]) -> int:
+    """Environment steps that only this checkpoint stands for: none where it is an average, whose parts are among its ancestors."""
+    return 0 if MERGED in meta else int(meta["steps"])

@@ -17,9 +17,9 @@ from hotice.errors import CheckpointError, InvalidConfig, OutputError
 from hotice.learn.average import COUNT, PREFIX, averaged
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, read_meta, resolve, save_checkpoint
 from hotice.learn.health import check_weights
-from hotice.learn.lineage import ANCESTORS, line_of
+from hotice.learn.lineage import ANCESTORS, MERGED, line_of
+from hotice.learn.teachers import CONTRACT
 
-MERGED = "merged"
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 
 
@@ -55,7 +55,7 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
     behind: dict[str, int] = {}
     for each in (meta, *(m for _, m in others)):
         behind |= line_of(each)
-    own[ANCESTORS] = {digest: steps for digest, steps in behind.items() if digest != meta["sha256"]}
+    own[ANCESTORS] = behind
     own[MERGED] = [{"steps": m["steps"], "sha256": m["sha256"]} for m in (meta, *(m for _, m in others))]
     return save_checkpoint(out, int(meta["update"]), merged, own)
 
@@ -87,7 +87,7 @@ def _check_alike(
         name: (meta["config"].get(name), their_meta["config"].get(name)) for name in SAME_CONFIG
     }
     pairs["observation"] = meta["layout"], their_meta["layout"]
-    for name in ("leg_scale_rad", "arm_scale_rad", "action_limit", "gait_hz"):
+    for name in CONTRACT:
         pairs[name] = meta["config"].get("task", {}).get(name), their_meta["config"].get("task", {}).get(name)
     for name, (a, b) in pairs.items():
         if a != b:

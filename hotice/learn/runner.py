@@ -28,7 +28,7 @@ from hotice.learn.failures import ran_out_of_memory
 from hotice.learn.gae import gae
 from hotice.learn.health import check_network, check_physics, check_weights
 from hotice.learn.learner import Learner
-from hotice.learn.lineage import ANCESTORS, line_of
+from hotice.learn.lineage import ANCESTORS, MERGED, line_of
 from hotice.learn.networks import ActorCritic
 from hotice.learn.progress import Progress
 from hotice.learn.scene_sets import resolve_scenes
@@ -237,6 +237,8 @@ class Runner:
         self.algo.load_state(tensors, meta)
         self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
         self.ancestors = dict(meta.get(ANCESTORS, {}))
+        if MERGED in meta:  # its first part, whose counters go on
+            self.ancestors.pop(meta[MERGED][0]["sha256"], None)
         self.stages.load_state(tensors)
         if meta.get("ranks", 1) != distributed.size():
             return
@@ -321,7 +323,7 @@ def _same_version(path: Path) -> Iterator[None]:
         if ran_out_of_memory(error):
             raise
         reason = f"{type(error).__name__} {error}".splitlines()[-1].strip()
-        raise CheckpointError(f"{path}: is no checkpoint of this version: {reason}") from None
+        raise CheckpointError(f"{path}: is no checkpoint of this version: {reason}") from error
 
 
 @contextlib.contextmanager

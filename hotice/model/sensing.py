@@ -63,8 +63,8 @@ TRACK_PLACE, TRACK_VELOCITY, TRACK_HEADING = 0.7, 0.5, 0.5
 recorded walks of 64 robots through bench20: 1.5 cm and 0.017 rad off (root mean square); a held root: 3.0 cm, 0.046 rad."""
 
 TRACK_TILT = 0.1
-"""How much of its difference from what is measured the direction of gravity takes over at each step; in between it is turned by the
-gyro (complementary filter). On walks through bench20: 0.7 degrees off (root mean square), where one reading is 2.3 degrees off."""
+"""How much of its difference from what is measured the direction of gravity takes over at each step; in between it is turned by
+the gyro (complementary filter). On walks through bench20: 0.7 degrees off (root mean square); a reading alone: 2.3 degrees."""
 
 STUDENT_SENSING = SensingConfig(
     joint_pos_rad=0.03, joint_vel_rad_s=1.5, gravity=0.05, gyro_rad_s=0.2, object_pos_m=0.05, object_rot_rad=0.087,

@@ -6,6 +6,7 @@ True, when computed from a state by `PerceptModel`; with noise, after a sensor m
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -60,6 +61,17 @@ class PerceptModel:
         self._object = self.model.body(builder.OBJECT_BODY).id
         self._p_OK = carried.keypoints()
         self._q, self._qd = 7 + joint_index(20), 6 + joint_index(20)
+
+    def keypoints_at(self, qpos: Array) -> Callable[[Array], Array]:
+        """Function: keypoints of the robot (11, 3) in W [m] for joints of the policy (20,), all else as in `qpos` (43,)."""
+
+        def keypoints(q: Array) -> Array:
+            self._data.qpos[:] = qpos
+            self._data.qpos[self._q] = q
+            mujoco.mj_kinematics(self.model, self._data)
+            return self._data.site_xpos[self._sites].copy()
+
+        return keypoints
 
     def __call__(self, qpos: Array, qvel: Array) -> Percept:
         """Percept of `RobotState.to_mujoco(29)`: qpos (43,) and qvel (41,)."""

@@ -89,8 +89,8 @@ class CarryBank:
             for s in states
         ]  # fmt: skip
         if dynamics is not None and not dynamics.nominal:
-            rng = np.random.default_rng([seed, 1])
-            models = [perturb(model, dynamics, rng) for model in models]
+            # a generator each: a robot depends neither on those before it nor on how many obstacles there are
+            models = [perturb(m, dynamics, np.random.default_rng([seed, 1, i])) for i, m in enumerate(models)]
 
         def rows(values: Sequence[np.ndarray]) -> Tensor:
             return torch.tensor(np.stack(values), dtype=torch.float32, device=device)

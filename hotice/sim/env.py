@@ -42,7 +42,7 @@ class Step:
     """Result of a control step of N environments; those that ended have been started anew.
 
     policy (N, O), critic (N, C): observations, after the restart where one happened.
-    final_critic (N, C): the critics' before any restart. reward (N, A): one stream an agent; terms (N, R): what they sum, raw.
+    final_policy (N, O), final_critic (N, C): before any restart. reward (N, A): one stream an agent; terms (N, R): what they sum, raw.
     terminated, truncated (N,): failure or success, and time out. outcome (N,): index into `OUTCOMES`, 0 while running.
     goal_distance (N,): root to goal [m] before any restart. reached (N,): within the goal radius. touched (N,): robot or
     object intrudes into an obstacle, by the sphere cover. scene, model (N,): ids of the episode that made this step.
@@ -51,6 +51,7 @@ class Step:
 
     policy: Tensor
     critic: Tensor
+    final_policy: Tensor
     final_critic: Tensor
     reward: Tensor
     terms: Tensor
@@ -211,16 +212,16 @@ class TransportEnv:
         reward = torch.where(unstable[:, None], torch.full_like(reward, TERMINATION_PENALTY), reward)
         terms = torch.where(unstable[:, None], torch.zeros_like(terms), terms)
         policy, critic = self._observe(s, self.everyone), self._privileged(s, self.everyone)
-        final_critic = critic
+        final_policy, final_critic = policy, critic
         scene, model, length = self.memory.scene.clone(), self.memory.model.clone(), self.memory.step.clone()
         done = torch.nonzero(outcome > 0).squeeze(1)
         if len(done):
-            final_critic = critic.clone()
+            final_policy, final_critic = policy.clone(), critic.clone()
             self._start(done)
             fresh = self.snapshot(done)
             policy[done], critic[done] = self._observe(fresh, done), self._privileged(fresh, done)
         return Step(
-            policy=policy, critic=critic, final_critic=final_critic, reward=reward, terms=terms,
+            policy=policy, critic=critic, final_policy=final_policy, final_critic=final_critic, reward=reward, terms=terms,
             terminated=terminated, truncated=truncated, outcome=outcome, goal_distance=s.goal_distance,
             reached=s.goal_distance < self.config.goal_radius_m,
             touched=torch.minimum(s.clearance, s.object_clearance) < 0.0, scene=scene, model=model, length=length,

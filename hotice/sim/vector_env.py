@@ -80,10 +80,10 @@ class HoticeVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         info = self._info(agent_rewards=_numpy(step.reward), critic=_numpy(step.critic))
         done = _numpy(step.outcome > 0)
         if done.any():
-            final = _numpy(step.final_critic)
+            final, read = _numpy(step.final_critic), _numpy(step.final_policy)
             rows = np.full(self.num_envs, None, dtype=object)
             for i in np.flatnonzero(done):
-                rows[i] = final[i, : self.env.policy_table.size].copy()
+                rows[i] = read[i].copy()
             names = np.array(OUTCOMES)[_numpy(step.outcome)]
             info |= {"final_obs": rows, "_final_obs": done.copy(), "_final_info": done.copy()}
             info["final_info"] = self._info(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.model import g1, history
+from hotice.model.sensing import TRACK_TILT
 from hotice.policies.guidance import read_fields
 from hotice.policies.observation import Carrying, observe, remember
 from hotice.policies.percept import Percept, PerceptModel
@@ -36,16 +38,17 @@ class Sensing:
         self._rng = np.random.default_rng([station.config.seed, number])
         self._estimate, self._count = np.zeros(ESTIMATE), 0
 
-    def __call__(self, true: Percept) -> Percept:
-        """The next measurement."""
+    def __call__(self, true: Percept, keypoints: Callable[[Array], Array]) -> Percept:
+        """The next measurement; `keypoints`: see `measure`."""
         cfg, dt_s, k = self._config, self._dt_s, self._count
         if cfg.exact:
             return true
         hold = max(1, round(1.0 / (cfg.root_hz * dt_s))) if cfg.root_hz else 1
         gain = min(1.0, dt_s / cfg.object_filter_s) if cfg.object_filter_s else 1.0
         percept, self._estimate = measure(
-            true, self._estimate, self._rng.uniform(-1.0, 1.0, DRAWS), cfg, self._aligned, refresh=k % hold == 0,
-            gain=max(gain, 1.0 / (k + 1)), hold_s=hold * dt_s, dt_s=dt_s if k else 0.0,
+            true, self._estimate, self._rng.uniform(-1.0, 1.0, DRAWS), cfg, self._aligned, keypoints=keypoints,
+            refresh=k % hold == 0, gain=max(gain, 1.0 / (k + 1)), tilt_gain=max(TRACK_TILT, 1.0 / (k + 1)),
+            hold_s=hold * dt_s, dt_s=dt_s if k else 0.0,
         )  # fmt: skip
         self._count += 1
         return percept
@@ -81,7 +84,7 @@ class Rehearsal:
         past = np.zeros(task.history * history.FRAME)
         for _ in range(round(self.config.horizon_s / task.control_dt_s)):
             now = robot_state_of_mujoco(np.concatenate([data.qpos, data.qvel]), carry.wrist_pos)
-            percept = sensing(self._percept_of(now[:NQ], now[NQ:]))
+            percept = sensing(self._percept_of(now[:NQ], now[NQ:]), self._percept_of.keypoints_at(now[:NQ]))
             reading = read_fields(self._pf, percept, task)
             observation = observe(percept, reading, carrying, action, phase, task.scan, past)
             past = remember(past, observation)

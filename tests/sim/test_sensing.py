@@ -1,11 +1,16 @@
 from dataclasses import replace
 
+import mujoco
+import numpy as np
 import pytest
 import torch
 
 from hotice.errors import InvalidConfig
+from hotice.model.dynamics import DynamicsConfig
 from hotice.sim import TaskConfig
+from hotice.sim.carry_bank import CarryBank
 from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
+from hotice.sim.snapshot import FEET, POINTS
 
 
 def noisy(make_env, num_envs=64, **sensing):
@@ -49,9 +54,6 @@ def test_noise_is_uniform_of_the_given_half_width(make_env, config, attribute, h
     env = noisy(make_env, 256, **config)
     s = env.snapshot()
     error = getattr(measure(env, s), attribute) - getattr(s, attribute)
-    if attribute == "p_WP":
-        assert (error[:, 2] == 0).all()
-        error = error[:, :2]
     assert error.abs().max() <= half * 1.0001
     assert error.std() == pytest.approx(half / 3**0.5, rel=0.15)
     assert abs(float(error.mean())) < 0.15 * half
@@ -205,6 +207,88 @@ def test_a_perturbed_task_goes_on_bit_for_bit(make_env):
     for action in actions[6:]:
         a, b = first.step(action), second.step(action)
         assert torch.equal(a.policy, b.policy) and torch.equal(a.reward, b.reward)
+
+
+def test_keypoints_follow_from_measured_joints(make_env):
+    """MuJoCo's kinematics of the measured joints gives the points whose fields the actor reads."""
+    env = noisy(make_env, 4, joint_pos_rad=0.03)
+    for _ in range(5):
+        env.step(0.3 * torch.ones(4, 20))
+    s, offset = env.snapshot(), 0.05 * torch.arange(20) / 20
+    m = env.sensors.measure(s, env.everyone, offset.expand(4, 20), env.generator)
+    assert (m.q - s.q - offset).abs().max() <= 0.03 * 1.0001
+    for i in range(4):
+        model = env.carry.models[int(env.memory.model[i])]
+        data = mujoco.MjData(model)
+        data.qpos[:] = env.physics.qpos[i].numpy()
+        data.qpos[env.layout.q.numpy()] = m.q[i].numpy()
+        mujoco.mj_kinematics(model, data)
+        sites = np.stack([data.site(name).xpos for name in POINTS])
+        np.testing.assert_allclose(m.p_WK[i], sites, atol=2e-6)
+    moved = (m.p_WK - s.p_WK).norm(dim=2)
+    assert moved[:, [0, 3, 4]].max() < 1e-6 and moved[:, FEET].min() > 0.001, "the trunk has no joint that is measured"
+    torch.testing.assert_close(m.sgf.force_W, env.bank.sample("sgf", env.memory.scene, m.p_WK[:, :9]).force_W)
+
+
+def test_a_tilt_that_is_off_turns_all_that_is_seen_about_the_root(make_env):
+    env = noisy(make_env, 128, gravity=0.05, gyro_rad_s=0.2)
+    s = env.snapshot()
+    errors = []
+    for _ in range(60):
+        m = measure(env, s)
+        down = env.sensors.gravity
+        errors.append(torch.acos((down * s.gravity_P).sum(dim=1).clamp(-1.0, 1.0)).pow(2).mean().sqrt())
+    assert errors[0] > 2 * errors[-1] > 0.01 and errors[-1] < 0.02  # settles; not exact
+    torch.testing.assert_close(-m.R_WP[:, 2], down, atol=1e-5, rtol=0)
+    torch.testing.assert_close(m.R_WP @ m.R_WP.transpose(1, 2), torch.eye(3).expand(128, 3, 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(torch.atan2(m.R_WP[:, 1, 0], m.R_WP[:, 0, 0]), s.yaw, atol=1e-5, rtol=0)
+    for seen, true in ((m.p_WK, s.p_WK), (m.p_WOK[~s.grasp.world_aligned], s.p_WOK[~s.grasp.world_aligned])):
+        boxes = slice(None) if len(seen) == 128 else ~s.grasp.world_aligned
+        seen_P = (seen - m.p_WP[boxes][:, None]) @ m.R_WP[boxes]
+        true_P = (true - s.p_WP[boxes][:, None]) @ s.R_WP[boxes]
+        torch.testing.assert_close(seen_P, true_P, atol=1e-5, rtol=0)
+
+
+def test_the_gyro_carries_the_tilt_of_a_rocking_robot(make_env):
+    env = noisy(make_env, 4, gravity=1e-6, gyro_rad_s=1e-6)
+    s = env.snapshot()
+    axis = torch.tensor([0.0, 1.0, 0.0]).expand(4, 3)
+    worst, env.sensors.age[:] = 0.0, 0
+    for k in range(60):
+        angle = torch.tensor(0.3 * np.sin(0.1 * k), dtype=torch.float32)
+        cos, sin = torch.cos(angle), torch.sin(angle)
+        down = torch.stack([sin, torch.zeros(()), -cos]).expand(4, 3)
+        rate = 0.03 * np.cos(0.1 * (k - 0.5)) / 0.02  # of the step that led here
+        measure(env, replace(s, gravity_P=down, w_WP_P=axis * rate))
+        worst = max(worst, float((env.sensors.gravity - down).abs().max()))
+    assert worst < 0.01
+
+
+def test_critics_and_teachers_read_a_history_without_noise(make_env):
+    task = TaskConfig().perturbed()
+    env = make_env(8, sensing=task.sensing, history=2)
+    env.reset()
+    steps = [env.step(0.1 * torch.ones(8, 20)) for _ in range(3)]
+    size = env.policy_table.size
+    frames = [step.critic[:, :size][:, env.frame] for step in steps]
+    past = row(env, steps[2].critic, "history")
+    torch.testing.assert_close(past, torch.cat([frames[1], frames[0]], dim=1))
+    read = row(env, steps[2].policy, "history")
+    torch.testing.assert_close(read, torch.cat([step.policy[:, env.frame] for step in (steps[1], steps[0])], dim=1))
+    assert (read - past).abs().max() > 0.01
+
+
+def test_encoders_that_are_off_show_without_any_noise(make_env, states):
+    dynamics = DynamicsConfig(joint_offset_rad=0.05)
+    env = make_env(8, carry=CarryBank.of(states, 0.005, torch.device("cpu"), dynamics=dynamics), dynamics=dynamics)
+    env.reset()
+    observation = env.step(torch.zeros(8, 20)).policy
+    off = row(env, observation, "joint_pos") - row(env, env.policy_table(env.snapshot()), "joint_pos")
+    offset = env.carry.joint_offset[env.memory.model]
+    assert offset.abs().max() > 0.02 and not env.exact
+    scale = (off * offset).sum() / (offset * offset).sum()
+    torch.testing.assert_close(off, scale * offset, atol=1e-4, rtol=0)
+    assert scale > 0.5
 
 
 @pytest.mark.parametrize("bad", [{"joint_pos_rad": -1.0}, {"root_hz": float("inf")}, {"sensor_delay_steps": 2}])

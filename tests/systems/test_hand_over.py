@@ -142,17 +142,18 @@ def test_a_rehearsal_senses_as_the_station_does(ready):
     from hotice.systems.rehearsal import Sensing
 
     station, state = ready
-    true = PerceptModel(station.carry.carried)(state[:43], state[43:])
-    assert Sensing(station, 0)(true) is true
+    model = PerceptModel(station.carry.carried)
+    true, keypoints = model(state[:43], state[43:]), model.keypoints_at(state[:43])
+    assert Sensing(station, 0)(true, keypoints) is true
     noisy = make_station(StationConfig.from_dict({"sensing": "student"}))
-    a, b, again = (Sensing(noisy, number)(true) for number in (0, 1, 0))
+    a, b, again = (Sensing(noisy, number)(true, keypoints) for number in (0, 1, 0))
     np.testing.assert_array_equal(a.vector, again.vector)
     half = noisy.config.sensing
     assert (
         0 < np.abs(a.q - true.q).max() <= half.joint_pos_rad
         and 0 < np.abs(a.qd - true.qd).max() <= half.joint_vel_rad_s
     )
-    assert (a.q != b.q).all()
+    assert (a.q != b.q).all() and 0 < np.abs(a.p_WK - true.p_WK).max() < 0.15
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from hotice.errors import CheckpointError
 from hotice.fields.bank import FieldBank
-from hotice.model.sensing import STUDENT_SENSING, SensingConfig
+from hotice.model.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig
 from hotice.policies import Percept, PerceptModel, PolicyTask, open_policy
 from hotice.policies.guidance import read_fields
 from hotice.policies.observation import LAYOUT, Carrying, layout_of, observe, remember
@@ -46,7 +46,8 @@ def test_noise_is_the_environments(env, carry, monkeypatch, rng, tracking):
     config = replace(STUDENT_SENSING, root_tracking=tracking)
     monkeypatch.setattr(env.sensors, "config", config)
     state = state_of(env, carry)
-    true = PerceptModel(carry.carried)(state[:43], state[43:])
+    model = PerceptModel(carry.carried)
+    true = model(state[:43], state[43:])
     offset = 0.01 * rng.standard_normal(20)
     estimate = np.zeros(ESTIMATE)
     ids = torch.arange(1)
@@ -54,17 +55,18 @@ def test_noise_is_the_environments(env, carry, monkeypatch, rng, tracking):
     env.sensors.velocity[:] = 0.0
     for k in range(12):
         draws = rng.uniform(-1.0, 1.0, DRAWS)
-        parts = iter(np.split((draws + 1.0) / 2.0, [1, 3, 6, 9, 12, 15, 35]))
+        parts = iter(np.split((draws + 1.0) / 2.0, [1, 4, 7, 10, 30, 33, 36]))
         monkeypatch.setattr(
             torch, "rand", lambda shape, p=parts, **_: torch.tensor(next(p), dtype=torch.float32).view(shape)
         )
         s = env.sensors.measure(env.snapshot(), ids, torch.tensor(offset[None], dtype=torch.float32), env.generator)
         percept, estimate = measure(
-            true, estimate, draws, config, False, offset, refresh=k % 5 == 0, gain=max(0.1, 1.0 / (k + 1)), hold_s=0.1,
-            dt_s=0.02 if k else 0.0,
+            true, estimate, draws, config, False, offset, keypoints=model.keypoints_at(state[:43]), refresh=k % 5 == 0,
+            gain=max(0.1, 1.0 / (k + 1)), tilt_gain=max(TRACK_TILT, 1.0 / (k + 1)), hold_s=0.1, dt_s=0.02 if k else 0.0,
         )  # fmt: skip
-        np.testing.assert_allclose(estimate[4:6], env.sensors.velocity[0], atol=1e-5)
-        assert tracking == bool(np.abs(estimate[4:6]).max() > 0.0) or k < 5
+        np.testing.assert_allclose(estimate[5:8], env.sensors.velocity[0], atol=1e-5)
+        np.testing.assert_allclose(estimate[8:11], env.sensors.gravity[0], atol=1e-6)
+        assert tracking == bool(np.abs(estimate[5:8]).max() > 0.0) or k < 5
         for name in Percept.SHAPES:
             wanted = {"p_WK": s.p_WK[0, :11], "yaw": s.yaw}.get(name, getattr(s, name)[0] if name != "yaw" else None)
             np.testing.assert_allclose(getattr(percept, name), wanted, atol=3e-6, err_msg=name)

@@ -92,7 +92,7 @@ def test_the_robot_is_drawn(perturbed):
 
 def test_encoders_that_err_are_read_so(carry, robot_state, run):
     from hotice.model.sensing import SensingConfig
-    from hotice.policies.percept import Percept
+    from hotice.policies.percept import Percept, PerceptModel
     from hotice.systems.sensor_model import SensorModel
 
     offset = np.linspace(-0.01, 0.01, 20)
@@ -101,7 +101,9 @@ def test_encoders_that_err_are_read_so(carry, robot_state, run):
         run(SensorModel(carry.carried, SensingConfig(), 0.02, joint_offset=offset), "percept", robot_state=robot_state)
     )
     np.testing.assert_allclose(seen.q - true.q, offset, atol=1e-12)
-    seen.q[:] = true.q
+    keypoints = PerceptModel(carry.carried).keypoints_at(robot_state[:43])
+    np.testing.assert_allclose(seen.p_WK, keypoints(true.q + offset), atol=1e-9)
+    seen.q[:], seen.p_WK[:] = true.q, true.p_WK
     np.testing.assert_allclose(seen.vector, true.vector, atol=1e-9)
 
 
