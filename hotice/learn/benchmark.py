@@ -6,7 +6,7 @@ import json
 import resource
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from hotice.learn.config import TrainConfig
 from hotice.learn.runner import Runner
 from hotice.learn.stopwatch import Stopwatch
 from hotice.learn.version import source_version
+from hotice.sim.config import TaskConfig
 from hotice.sim.memory import check_memory
 
 FORMAT = "hotice-benchmark/1"
@@ -46,6 +47,12 @@ class BenchmarkConfig:
     """Physics backend: "mujoco" on the CPU, "warp" on an NVIDIA GPU (or, slowly, the CPU)."""
     device: str = "auto"
     """Device of physics "warp" and of learning; "auto": the GPU for "warp" where there is one, else the CPU."""
+    scan: bool = TaskConfig.scan
+    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields only)."""
+    history: int = TaskConfig.history
+    """Past control steps of which the actors also read joints, IMU and actions (ours)."""
+    perturbed: bool = TrainConfig.perturbed
+    """Noise, delays, pushes and uncertain dynamics as for students (zero otherwise, or as given one by one)."""
     out: Path | None = None
     """Report file (JSON)."""
 
@@ -62,7 +69,8 @@ class BenchmarkConfig:
         """What is trained; raises `InvalidConfig` or `UnknownName`."""
         return TrainConfig(
             num_envs=num_envs, preset=self.preset, scenes=self.scenes, physics=self.physics, device=self.device,
-            threads=self.threads, seed=0,
+            threads=self.threads, seed=0, perturbed=self.perturbed,
+            task=replace(TrainConfig().task, scan=self.scan, history=self.history),
         )  # fmt: skip
 
 
@@ -80,6 +88,9 @@ def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
         "format": FORMAT,
         "physics": config.physics,
         "preset": config.preset,
+        "scan": config.scan,
+        "history": config.history,
+        "perturbed": config.perturbed,
         "source": source_version(),
     }
     console = Console(width=None if Console().is_terminal else 150)
@@ -118,7 +129,7 @@ def _environment_and_physics(runner: Runner, steps: int, wait: Callable[[], None
     """Control steps a second of the environment under random actions, and of its physics from the same states.
 
     After each block the physics goes back to the state before it and gets the same servo targets once more: both solve the
-    same contacts, but that fallen robots stay on the floor in bare physics.
+    same contacts, but that fallen robots stay on the floor in bare physics, and that targets are never late there.
     """
     env, seconds = runner.env, [0.0, 0.0]
     generator = torch.Generator(env.device).manual_seed(0)
@@ -151,7 +162,7 @@ def _shares(runner: Runner, updates: int, wait: Callable[[], None]) -> dict[str,
     env, watch = runner.env, Stopwatch(wait)
     for name in ("step", "forward"):
         watch.watch(env.physics, name, "physics")
-    for name in ("sample", "lowest_clearance"):
+    for name in ("sample", "signed_distance", "lowest_clearance"):
         watch.watch(env.bank, name, "fields")
     for owner, name in ((env, "rewards"), (env, "policy_table"), (env, "critic_table"), (env.sensors, "measure")):
         watch.watch(owner, name, "rewards and observations")
@@ -191,7 +202,9 @@ def _device_memory(device: torch.device) -> dict[str, float]:
 def _table(sizes: list[dict[str, Any]], config: BenchmarkConfig):
     from rich.table import Table
 
-    table = Table(title=f"physics {config.physics}, {config.preset}, control steps of 4 x 5 ms, steps/s")
+    further = {"scan": config.scan, f"history {config.history}": config.history, "perturbed": config.perturbed}
+    task = (config.preset, *(name for name, given in further.items() if given))
+    table = Table(title=f"physics {config.physics}, {', '.join(task)}, control steps of 4 x 5 ms, steps/s")
     names = ("environments", "training", "environment", "physics", "ratio", *SHARES, "memory [GiB]")
     for name in names:
         table.add_column(name, justify="right")

@@ -1,10 +1,15 @@
+import dataclasses
 import json
+import re
 
 import pytest
 
 from hotice.errors import HoticeError, InvalidConfig
+from hotice.fields.bank import FieldBank
+from hotice.learn import benchmark
 from hotice.learn.__main__ import main
 from hotice.learn.benchmark import SHARES, BenchmarkConfig, measure
+from hotice.learn.config import TrainConfig
 from hotice.learn.runner import Runner
 from hotice.learn.stopwatch import Stopwatch
 
@@ -87,6 +92,50 @@ def test_shares_add_up_and_the_run_goes_on(tiny, tmp_path):
     assert log["reward"] == log["reward"]
 
 
+def test_the_scan_counts_as_fields(clock, tiny, tmp_path, monkeypatch):
+    """Where only the scan takes time, all time goes to the fields."""
+    task = dataclasses.replace(tiny(tmp_path).task, scan=True)
+    runner = Runner(tiny(tmp_path / "run", task=task))
+    looked_up = FieldBank.signed_distance
+
+    def slowly(*args):
+        clock.spend(1e6)
+        return looked_up(*args)
+
+    monkeypatch.setattr(FieldBank, "signed_distance", slowly)
+    monkeypatch.setattr(benchmark, "Stopwatch", lambda wait: Stopwatch(wait, clock))
+    shares = benchmark._shares(runner, 1, lambda: None)
+    assert shares["fields"] > 0 and not any(share for label, share in shares.items() if label != "fields")
+
+
+def test_the_task_of_students_is_measured(tmp_path, capsys):
+    out = tmp_path / "b.json"
+    size = ["--num-envs", "4", "--updates", "1", "--steps", "10", "--threads", "1", "--scenes", "open_floor"]
+    assert main(["benchmark", *size, "--scan", "--history", "3", "--perturbed", "--out", str(out)]) == 0
+    result = json.loads(out.read_text())
+    assert (result["scan"], result["history"], result["perturbed"]) == (True, 3, True)
+    assert sum(result["sizes"][0]["shares"].values()) == pytest.approx(1.0, abs=0.02)
+    assert "dual_hodpf, scan, history 3, perturbed" in capsys.readouterr().out
+
+
+def test_what_is_measured_is_what_train_would_train():
+    training = BenchmarkConfig(scan=True, history=3, perturbed=True).training(1024)
+    assert training.perturbed and (training.task.scan, training.task.history) == (True, 3)
+    plain = BenchmarkConfig().training(1024)
+    assert not plain.perturbed and plain.task == TrainConfig().task
+
+
+@pytest.mark.parametrize("option", ["--scan", "--history", "--perturbed"])
+def test_options_read_as_those_of_train(option, capsys):
+    said = []
+    for command in ("train", "benchmark"):
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        lines = re.sub(r"[│\s]+", " ", capsys.readouterr().out)
+        said.append(re.search(rf" {option}\b.*?\(default: [^)]*\)", lines))
+    assert said[0] and said[1] and said[0].group() == said[1].group()
+
+
 @pytest.mark.slow
 def test_physics_warp_on_the_cpu(tmp_path):
     """The path that a GPU takes; the first run compiles kernels for some minutes."""
@@ -103,7 +152,8 @@ def test_physics_warp_on_the_cpu(tmp_path):
 
 @pytest.mark.parametrize(
     "changes", [dict(steps=5), dict(updates=0), dict(threads=0), dict(num_envs=(0,)), dict(num_envs=(8, -1)), dict(physics="x"),
-                dict(preset="triple"), dict(scenes=()), dict(device="tpu")],
+                dict(preset="triple"), dict(scenes=()), dict(device="tpu"), dict(history=-1),
+                dict(history=10**6)],
 )  # fmt: skip
 def test_impossible_benchmarks_are_refused(changes):
     with pytest.raises(HoticeError):

@@ -1,6 +1,8 @@
 import subprocess
 import sys
 
+import pytest
+
 HEAVY = (
     "pydrake",
     "pinocchio",
@@ -73,6 +75,19 @@ def test_a_bare_node_trains(tiny_options, tmp_path):
     )
     assert done.returncode == 0 and done.stdout.split()[-1] == "trained", done.stderr
     assert all((tmp_path / name / "checkpoint-0000001" / "meta.json").is_file() for name in more)
+
+
+@pytest.mark.slow
+@pytest.mark.parity
+def test_a_bare_node_trains_on_warp(tiny_options, tmp_path):
+    """The same with the physics of a GPU, here on the CPU: MuJoCo Warp needs none of the absent either."""
+    pytest.importorskip("mujoco_warp")
+    command = f"train {' '.join(tiny_options)} --updates 1 --scenes gap --physics warp --device cpu --out warp"
+    done = subprocess.run(
+        [sys.executable, "-c", BARE_NODE, command], capture_output=True, text=True, timeout=500, cwd=tmp_path
+    )
+    assert done.returncode == 0 and done.stdout.split()[-1] == "trained", done.stderr
+    assert (tmp_path / "warp" / "checkpoint-0000001" / "meta.json").is_file()
 
 
 def test_the_absent_are_really_absent():
