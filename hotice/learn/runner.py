@@ -81,6 +81,7 @@ class Runner:
         self.update = 0
         self.minutes = 0.0
         self.steps = 0
+        self.anew = ""
         self._saved_at = time.monotonic()
         self.obs, self.critic_obs = env.reset()
         env.memory.step.copy_(  # the first episodes end at different times, so that a rollout holds all phases of an episode
@@ -112,6 +113,8 @@ class Runner:
         late = stopped = False
         skipped = self.algo.skipped
         with shown as progress, stop_on_signals() as signalled:
+            if progress and self.anew:
+                progress.note(self.anew)
             while self.update < cfg.updates and not (late or stopped):
                 log = self.learn_once()
                 self.minutes = minutes_before + (time.monotonic() - begin) / 60.0
@@ -221,7 +224,10 @@ class Runner:
             save_checkpoint(self.config.out, self.update, tensors, meta)
 
     def load(self, path: Path) -> None:
-        """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one."""
+        """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one.
+
+        With other ranks, environments, scenes, task or perturbations episodes start anew; `anew` then says so.
+        """
         tensors, meta = load_checkpoint(path, self.env.device)
         with _same_version(path):
             self._restore_run(path, tensors, meta)
@@ -240,19 +246,41 @@ class Runner:
         if MERGED in meta:  # its first part, whose counters go on
             self.ancestors.pop(meta[MERGED][0]["sha256"], None)
         self.stages.load_state(tensors)
-        if meta.get("ranks", 1) != distributed.size():
+        self._keep_rates(tensors["curriculum"], meta["scenes"])
+        ranks = meta.get("ranks", 1)
+        pairs = {
+            "ranks": (ranks, distributed.size()), "num_envs": (meta["num_envs"], self.env.num_envs),
+            "scenes": (meta["scenes"], self.env.bank.names),
+            "task": (meta["config"]["task"], config_to_dict(self.config)["task"]),
+            "perturbed": (meta["config"].get("perturbed", False), self.config.perturbed),
+        }  # fmt: skip
+        if others := [name for name, (theirs, ours) in pairs.items() if theirs != ours]:
+            kept = sum(name in meta["scenes"] for name in self.env.bank.names)
+            self.anew = (
+                f"{path}: was saved with other {', '.join(others)}: episodes start anew, {kept} of {self.env.bank.num_scenes} "
+                "scenes keep their success rates"
+            )
+        if ranks != distributed.size():
             return
         prefix = f"rank{distributed.rank()}."
         tensors = tensors | {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
         self.algo.load_own_state(tensors)
-        same_envs = meta["num_envs"] == self.env.num_envs and meta["scenes"] == self.env.bank.names
-        if same_envs and meta["config"]["task"] == config_to_dict(self.config)["task"]:
+        if not others:
             self.obs, self.critic_obs = self.env.load_state(
                 {k.removeprefix("env."): v for k, v in tensors.items() if k.startswith("env.")}
             )
             self.stats.reached.copy_(tensors["reached"])
             self.stats.touched.copy_(tensors["touched"])
-            self.curriculum.rate.copy_(tensors["curriculum"])
+
+    def _keep_rates(self, rates: Tensor, names: list[str]) -> None:
+        """Takes over the success rates of the scenes that this run has too; others begin as in a new run."""
+        ours, theirs = self.env.bank.names, dict(zip(names, rates, strict=True))
+        known = list(rates) if ours == names else [theirs.get(name) for name in ours]  # a scene may be there twice
+        for i, rate in enumerate(known):
+            if rate is not None:
+                self.curriculum.rate[i] = rate
+        if self.config.curriculum:
+            self.env.starter.scene_weight.copy_(self.curriculum.weights())
 
     def load_learner(self, path: Path) -> None:
         """Takes networks and normalisers of another run, and its optimiser where that served the same objective.

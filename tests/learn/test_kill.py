@@ -1,6 +1,6 @@
 """Work that is killed at random moments, again and again, ends bit for bit where undisturbed work ends.
 
-`HOTICE_KILLS=10 pytest tests/learn/test_kill.py` kills each command ten times.
+By default thirteen kills in all, three a command; `HOTICE_KILLS=10 pytest tests/learn/test_kill.py` kills each ten times.
 """
 
 import json
@@ -21,9 +21,10 @@ from hotice.learn.jobs import LOCK
 from hotice.learn.pipeline_file import load_pipeline
 from hotice.learn.policy import load_policy, torch_policy
 
-KILLS = int(os.environ.get("HOTICE_KILLS", "2"))
+KILLS = int(os.environ.get("HOTICE_KILLS", "3"))
 UPDATES = 4 * KILLS
 SMALL = ["--num-envs", "4", "--steps", "4", "--scenes", "open_floor", "gap", "--checkpoint-updates", "1"]
+PERTURBED = ["--perturbed", "--scan", "--history", "2", "--goal-stay-s", "0.1"]
 pytestmark = pytest.mark.slow
 
 
@@ -35,18 +36,19 @@ def processes():
     return context
 
 
-def survive(processes, argv, achieved, seed, also=lambda: None):
-    """Runs a command, kills it `KILLS` times, mostly a while after it has got further, then lets it end.
+def survive(processes, argv, achieved, seed, kills=KILLS, also=lambda: None):
+    """Runs a command, kills it so many times, mostly a while after it has got further, then lets it end.
 
-    `achieved()` gives the set of what is done; `also()` kills what the command had started.
+    `achieved(kill)` gives the set of what is done, as far as that kill waits for it; `also()` kills what the command had started.
     """
-    moments, seen = random.Random(seed), set()
-    for _ in range(KILLS):
+    moments = random.Random(seed)
+    for kill in range(kills):
+        seen = achieved(kill)
         process = processes.Process(target=main, args=(argv,))
         process.start()
         deadline = time.monotonic() + 240
         early = moments.random() < 0.25
-        while not early and process.is_alive() and not achieved() - seen:
+        while not early and process.is_alive() and not achieved(kill) - seen:
             assert time.monotonic() < deadline, "no progress"
             time.sleep(0.01)
         time.sleep(moments.uniform(0.0, 1.0 if early else 0.3))
@@ -54,7 +56,6 @@ def survive(processes, argv, achieved, seed, also=lambda: None):
         process.join()
         also()
         assert process.exitcode == -signal.SIGKILL, "it ended before it was killed: more to do is needed"
-        seen |= achieved()
     last = processes.Process(target=main, args=(argv,))
     last.start()
     last.join()
@@ -67,11 +68,20 @@ def same(one, other, updates):
     return [k for k in a if not torch.equal(a[k], b[k])] == []
 
 
+def checkpoints(folder):
+    return {p.name for p in folder.glob(f"{PREFIX}*")}
+
+
+def blocks(trials):
+    files = [(p.name, json.loads(p.read_text())["blocks"]) for p in trials.glob("scene-*.json")]
+    return {(name, block) for name, blocks in files for block in blocks}
+
+
 def half_written(folder):
     return [p for p in folder.rglob("*") if p.name.startswith(".")]
 
 
-@pytest.mark.parametrize("command", [["train"], ["distill", "--aggregate", "2"]], ids=lambda c: c[0])
+@pytest.mark.parametrize("command", [["train", *PERTURBED], ["distill", "--aggregate", "2"]], ids=lambda c: c[0])
 def test_a_run_that_was_killed_ends_like_one_that_was_not(command, processes, run, tiny_options, tmp_path):
     stages = ["--curriculum-distance-m", "0.8", "--curriculum-objects", "0.5"]
     argv = [*command, *tiny_options, *SMALL, *stages, "--updates", str(UPDATES), "--resume"]
@@ -79,41 +89,58 @@ def test_a_run_that_was_killed_ends_like_one_that_was_not(command, processes, ru
         argv += ["--generalist", str(run)]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert main([*argv, "--out", str(whole)]) == 0
-    survive(processes, [*argv, "--out", str(killed)], lambda: {p.name for p in killed.glob(f"{PREFIX}*")}, seed=0)
+    survive(processes, [*argv, "--out", str(killed)], lambda kill: checkpoints(killed), seed=0)
     assert same(whole, killed, UPDATES) and half_written(killed) == []
     rows = [json.loads(line)["update"] for line in (killed / "log.jsonl").read_text().splitlines()]
     assert rows == list(range(1, UPDATES + 1)), "each update is in the log once"
 
 
-def test_an_evaluation_that_was_killed_ends_like_one_that_was_not(processes, onnx_file, tmp_path):
-    argv = ["evaluate", "--policy", str(onnx_file), "--scenes", "open_floor", "gap", "--objects", "2", "--threads", "1"]
-    argv += ["--rollouts", str(2 * KILLS), "--batch", "1", "--seed", "3"]
-    assert main([*argv, "--out", str(tmp_path / "whole.json")]) == 0
+@pytest.fixture(scope="module")
+def evaluation(onnx_file, tmp_path_factory):
+    """Command line of an evaluation without `--threads` and `--out`, and its report when nothing disturbs it."""
+    argv = ["evaluate", "--policy", str(onnx_file), "--scenes", "open_floor", "gap", "--objects", "2", "--batch", "1"]
+    argv += ["--rollouts", str(2 * KILLS), "--seed", "3"]
+    whole = tmp_path_factory.mktemp("evaluation") / "whole.json"
+    assert main([*argv, "--threads", "1", "--out", str(whole)]) == 0
+    return argv, whole
+
+
+@pytest.mark.parametrize("threads, kills", [(1, KILLS), (2, max(1, KILLS // 2))], ids=["one", "two"])
+def test_an_evaluation_that_was_killed_ends_like_one_that_was_not(threads, kills, processes, evaluation, tmp_path):
+    argv, whole = evaluation
     trials = tmp_path / "killed.json.trials"
-
-    def achieved():
-        files = [(p.name, json.loads(p.read_text())["blocks"]) for p in trials.glob("scene-*.json")]
-        return {(name, block) for name, blocks in files for block in blocks}
-
-    survive(processes, [*argv, "--out", str(tmp_path / "killed.json")], achieved, seed=1)
-    assert (tmp_path / "killed.json").read_bytes() == (tmp_path / "whole.json").read_bytes()
-    for file in (tmp_path / "whole.json.trials").iterdir():
+    argv = [*argv, "--threads", str(threads), "--out", str(tmp_path / "killed.json")]
+    survive(processes, argv, lambda kill: blocks(trials), seed=1, kills=kills)
+    assert (tmp_path / "killed.json").read_bytes() == whole.read_bytes()
+    for file in Path(f"{whole}.trials").iterdir():
         assert json.loads((trials / file.name).read_text()) == json.loads(file.read_text())
 
 
 def test_a_pipeline_whose_machine_dies_ends_like_one_that_was_not_disturbed(processes, tmp_path):
-    updates = 16 * KILLS
+    """The kills are shared out: the first wait for the teacher to get on, the next for the student, the last for the score."""
+    updates = 10 * KILLS
     tiny = {
         "num_envs": 4, "steps": 4, "minibatches": 2, "hidden": 16, "critic_hidden": 16, "carry_states": 2,
         "episode_s": 0.3, "checkpoint_updates": 1, "updates": updates,
     }  # fmt: skip
+    trials = {"scenes": "open_floor", "objects": 1, "batch": 1, "rollouts": 4 * KILLS, "horizon_s": 1.0}
     jobs = {
         "teacher": {"command": "train", "options": tiny},
-        "policy": {"command": "export", "options": {"policy": "$teacher"}},
+        "student": {
+            "command": "distill",
+            "options": {**tiny, "teachers": "$teacher", "init": "$teacher", "aggregate": 2},
+        },
+        "score": {"command": "evaluate", "options": {"policy": "$student", **trials}},
+        "policy": {"command": "export", "options": {"policy": "$student"}},
     }
     path = tmp_path / "pipeline.yaml"
     path.write_text(yaml.safe_dump({"format": "hotice-pipeline/1", "out": str(tmp_path / "out"), "jobs": jobs}))
-    teacher, policy = load_pipeline(path).jobs
+    jobs = {job.name: job for job in load_pipeline(path).jobs}
+    stages = [
+        lambda: checkpoints(jobs["teacher"].folder),
+        lambda: checkpoints(jobs["student"].folder),
+        lambda: blocks(Path(f"{jobs['score'].output}.trials")),
+    ]
 
     def its_jobs_die_too():
         """As with the machine; those of a pipeline that is killed alone live on, which is tested elsewhere."""
@@ -126,18 +153,26 @@ def test_a_pipeline_whose_machine_dies_ends_like_one_that_was_not_disturbed(proc
                 continue
 
     survive(
-        processes, ["pipeline", str(path), "--retries", "0"], lambda: {p.name for p in teacher.folder.glob(f"{PREFIX}*")},
+        processes, ["pipeline", str(path), "--retries", "0"], lambda kill: stages[kill * len(stages) // KILLS](),
         seed=2, also=its_jobs_die_too,
     )  # fmt: skip
-    argv = list(teacher.argv)
-    argv[argv.index("--out") + 1] = str(tmp_path / "whole")
-    assert main([teacher.command, *argv]) == 0
-    assert same(tmp_path / "whole", teacher.folder, updates)
     assert half_written(tmp_path / "out") == []
-    obs = torch.randn(32, sum(w for _, w in load_policy(policy.output).meta["layout"]))
-    torch.testing.assert_close(
-        load_policy(policy.output).act(obs), torch_policy(tmp_path / "whole").act(obs), atol=1e-5, rtol=0
-    )
+    (tmp_path / "out").rename(
+        tmp_path / "killed"
+    )  # the undisturbed run has the same paths, which reports and checkpoints name
+    for name in ("teacher", "student", "score"):
+        jobs[name].folder.mkdir(parents=True)
+        assert main([jobs[name].command, *jobs[name].argv]) == 0
+    killed = {name: tmp_path / "killed" / job.output.relative_to(tmp_path / "out") for name, job in jobs.items()}
+    for name in ("teacher", "student"):
+        assert same(jobs[name].output, killed[name], updates), name
+    reports = [json.loads(file.read_text()) for file in (killed["score"], jobs["score"].output)]
+    for report in reports:
+        del report["trained"]["minutes"]  # what training took by the clock
+    assert reports[0] == reports[1]
+    obs = torch.randn(32, sum(w for _, w in load_policy(killed["policy"]).meta["layout"]))
+    expected = torch_policy(jobs["student"].output).act(obs)
+    torch.testing.assert_close(load_policy(killed["policy"]).act(obs), expected, atol=1e-5, rtol=0)
 
 
 def test_the_processes_of_a_killed_evaluation_end_with_it(processes, onnx_file, tmp_path):

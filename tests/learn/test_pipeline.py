@@ -253,9 +253,9 @@ def training(updates):
     }  # fmt: skip
 
 
-def is_like_undisturbed(job, tiny, out, updates):
+def is_like_undisturbed(job, tiny, out, updates, **changes):
     """Whether a training job ended bit for bit where an undisturbed run ends."""
-    config = tiny(out, updates=updates)
+    config = tiny(out, updates=updates, **changes)
     Runner(dataclasses.replace(config, checkpoint_updates=1)).train()
     a, b = load_checkpoint(job.folder)[0], load_checkpoint(out)[0]
     return all(torch.equal(a[key], b[key]) for key in b)
@@ -319,32 +319,47 @@ def test_a_second_process_of_a_job_waits_for_the_first(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_node_of_a_ray_cluster_dies(write, tiny, tmp_path, monkeypatch):
+def test_one_of_two_nodes_of_a_ray_cluster_dies(write, tiny, tmp_path, monkeypatch):
+    """Two teachers side by side: one loses its machine when both have got on, and goes on elsewhere; the other is left alone."""
     pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
     from hotice.learn.cluster import RayWorkers
 
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
-    doomed = cluster.add_node(num_cpus=1)
+    nodes = [cluster.add_node(num_cpus=1) for _ in range(2)]
 
     class Unlucky(RayWorkers):
         lost = False
 
         def ended(self):
-            for job in self.running.values():
-                if not self.lost and list_checkpoints(job.folder):
-                    Unlucky.lost = True
-                    training = int((job.folder / LOCK).read_text())
-                    os.kill(training, signal.SIGSTOP)  # a slow machine needs longer for a node than the job has left
-                    cluster.add_node(num_cpus=1)
-                    cluster.remove_node(doomed, allow_graceful=False)
-                    with contextlib.suppress(ProcessLookupError):
-                        os.kill(training, signal.SIGKILL)  # here, unlike there, it would live on
+            if not self.lost and len(self.running) == 2:
+                Unlucky.lost = True
+                self.lose("teacher/open_floor")
             return super().ended()
 
+        def lose(self, name):
+            pids, deadline = {}, time.monotonic() + 240
+            while len(pids) < 2:
+                assert time.monotonic() < deadline, "no progress"
+                for job in self.running.values():
+                    if job.name not in pids and list_checkpoints(job.folder):
+                        pids[job.name] = int((job.folder / LOCK).read_text())
+                        os.kill(pids[job.name], signal.SIGSTOP)  # else it might end before the node is seen to be gone
+                time.sleep(0.01)
+            victim = pids.pop(name)
+            cluster.add_node(num_cpus=1)
+            cluster.remove_node(next(node for node in nodes if runs_on(node, victim)), allow_graceful=False)
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(victim, signal.SIGKILL)  # here, unlike there, it would live on
+            os.kill(*pids.values(), signal.SIGCONT)
+
     monkeypatch.setattr(module, "make_workers", lambda config: Unlucky(config.cluster))
-    path = write(training(updates=30))
+    document = training(updates=30)
+    document["jobs"]["teacher"]["each"] = ["open_floor", "gap"]
+    document["jobs"]["teacher"]["options"]["scenes"] = "$each"
+    document["jobs"]["policy"]["options"]["policy"] = "$teacher/open_floor"
+    path = write(document)
     try:
         assert run_pipeline(PipelineConfig(config=path, cluster=cluster.address))
     finally:
@@ -353,5 +368,16 @@ def test_a_node_of_a_ray_cluster_dies(write, tiny, tmp_path, monkeypatch):
         ray.shutdown()
         cluster.shutdown()
     rows = json.loads((tmp_path / "out" / STATUS).read_text())["jobs"]
-    assert [(r["state"], r["attempts"]) for r in rows] == [("done", 2), ("done", 1)]
-    assert is_like_undisturbed(load_pipeline(path).jobs[0], tiny, tmp_path / "whole", 30)
+    assert [(r["name"], r["state"], r["attempts"]) for r in rows] == [
+        ("teacher/open_floor", "done", 2), ("teacher/gap", "done", 1), ("policy", "done", 1),
+    ]  # fmt: skip
+    for job, scene in zip(load_pipeline(path).jobs, ("open_floor", "gap"), strict=False):
+        assert is_like_undisturbed(job, tiny, tmp_path / scene, 30, scenes=(scene,)), scene
+
+
+def runs_on(node, pid):
+    """Whether a process descends from the raylet of a Ray node."""
+    raylets = {info.process.pid for info in node.all_processes["raylet"]}
+    while pid > 1 and pid not in raylets:
+        pid = int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
+    return pid in raylets

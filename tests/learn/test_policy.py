@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -11,6 +12,7 @@ from hotice.learn.policy import OnnxPolicy, check_layout, export_onnx, load_poli
 from hotice.policies.policy_file import FORMAT, KEY
 from hotice.sim.observations import POLICY, ObservationTable
 
+CHECKPOINTS = Path(__file__).parents[2] / "checkpoints"
 LAYOUT = ObservationTable(POLICY).layout()
 
 
@@ -24,6 +26,18 @@ def test_onnx_equals_torch(run, onnx_file):
     assert a.abs().max() > 1e-3 and (a - b).abs().max() <= 1e-5
     for count in (1, 7):
         torch.testing.assert_close(exported.act(obs[:count]), b[:count], atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("name", ["student", "teacher"])
+def test_a_shipped_policy_is_its_checkpoint(name):
+    policy, shipped = torch_policy(CHECKPOINTS / name), load_policy(name)
+    norm = policy.net.obs_norm
+    obs = norm.mean + 3.0 * norm.var.sqrt() * torch.randn(
+        500, len(norm.mean), generator=torch.Generator().manual_seed(0)
+    )
+    actions = policy.act(obs)
+    assert actions.abs().max() > 1.0 and (actions - shipped.act(obs)).abs().max() < 1e-5
+    assert {k: shipped.meta[k] for k in policy.meta} == policy.meta
 
 
 def test_one_file_that_plain_onnxruntime_runs(onnx_file):

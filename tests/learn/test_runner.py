@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import os
 import shutil
@@ -50,6 +51,45 @@ def test_two_and_two_updates_are_four_bit_for_bit(tiny, tmp_path):
     assert differing(a, b) == []
     Runner(tiny(tmp_path / "other", updates=4, scenes=scenes, seed=1)).train()
     assert differing(a, newest(tmp_path / "other")) != []
+
+
+def test_a_run_that_goes_on_as_it_was_says_nothing(run, tiny, tmp_path):
+    shutil.copytree(run, tmp_path / "run")
+    assert Runner(tiny(tmp_path / "run", resume=True)).anew == ""
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        (dict(num_envs=4), "other num_envs: episodes start anew, 2 of 2"),
+        (dict(scenes=("beam", "gap")), "other scenes: episodes start anew, 1 of 2"),
+        (dict(goal_stay_s=0.1), "other task: episodes start anew, 2 of 2"),
+        (dict(perturbed=True), "other perturbed: episodes start anew, 2 of 2"),
+    ],
+    ids=lambda x: next(iter(x)) if isinstance(x, dict) else "",
+)
+def test_a_run_that_goes_on_elsewhere_keeps_networks_and_the_rates_of_known_scenes(
+    tiny, tmp_path, capfd, changes, words
+):
+    config = tiny(tmp_path / "run", updates=1, scenes=("open_floor", "gap"))
+    first = Runner(config)
+    first.curriculum.rate.copy_(torch.tensor([0.9, 0.2]))
+    first.save()
+    before = newest(tmp_path / "run")
+    if "goal_stay_s" in changes:
+        changes = dict(task=dataclasses.replace(config.task, **changes))
+    config = dataclasses.replace(config, resume=True, **changes)
+    second = Runner(config)
+    known = dict(zip(("open_floor", "gap"), before["curriculum"], strict=True))
+    rates = torch.tensor([float(known.get(name, 0.5)) for name in config.scenes])
+    assert torch.equal(second.curriculum.rate, rates)
+    assert torch.equal(second.env.starter.scene_weight, second.curriculum.weights())
+    assert all(torch.equal(value, before[f"net.{key}"]) for key, value in second.net.state_dict().items())
+    anew = Runner(dataclasses.replace(config, resume=False))
+    assert torch.equal(second.obs, anew.obs), "episodes start as those of a new run"
+    capfd.readouterr()
+    second.train()
+    assert [words in line for line in capfd.readouterr().err.splitlines()].count(True) == 1
 
 
 def command(out, options, *more):
