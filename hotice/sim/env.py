@@ -42,7 +42,8 @@ class Step:
     """Result of a control step of N environments; those that ended have been started anew.
 
     policy (N, O), critic (N, C): observations, after the restart where one happened.
-    final_policy (N, O), final_critic (N, C): before any restart. reward (N, A): one stream an agent; terms (N, R): what they sum, raw.
+    final_policy (N, O), final_critic (N, C): before any restart.
+    reward (N, A): one stream an agent; terms (N, R): what they sum, raw.
     terminated, truncated (N,): failure or success, and time out. outcome (N,): index into `OUTCOMES`, 0 while running.
     goal_distance (N,): root to goal [m] before any restart. reached (N,): within the goal radius. touched (N,): robot or
     object intrudes into an obstacle, by the sphere cover. scene, model (N,): ids of the episode that made this step.
