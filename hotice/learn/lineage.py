@@ -24,4 +24,4 @@ def total_steps(meta: Mapping[str, Any]) -> int:
 
 def own_steps(meta: Mapping[str, Any]) -> int:
     """Environment steps that this checkpoint alone stands for: none where it is an average, whose parts are ancestors."""
-    return 0 if MERGED in meta else int(meta["steps"])
+    return 0 if MERGED in meta and ANCESTORS in meta else int(meta["steps"])

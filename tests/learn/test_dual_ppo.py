@@ -186,7 +186,7 @@ def test_a_gradient_that_is_not_finite_is_left_out_and_counted():
     assert algo.skipped == algo.config.epochs * algo.config.minibatches
     assert all(torch.equal(a, b) for a, b in zip(before, algo.net.parameters(), strict=True))
     algo.skipped_in_a_row = 100
-    with pytest.raises(DivergedError, match="lower --learning-rate"):
+    with pytest.raises(DivergedError, match="lower --max-learning-rate"):
         algo.update(r)
 
 

@@ -11,6 +11,7 @@ from hotice.errors import CheckpointError, HoticeError, InvalidConfig
 from hotice.learn.carriers import policy_digest
 from hotice.learn.evaluate import (
     EvaluateConfig,
+    Scorer,
     block_seed,
     evaluate,
     evaluation_task,
@@ -23,6 +24,7 @@ from hotice.learn.wilson import wilson
 from hotice.model import Box, load_scene
 from hotice.model.builder import HIT_SENSORS
 from hotice.model.carry import solve_carry
+from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape, CylinderShape, MeshShape
 from hotice.sim.carry_bank import CarryBank
@@ -329,8 +331,26 @@ def test_the_digest_of_a_scene_covers_its_meshes(tmp_path):
 
 
 def test_blocks_draw_their_own_random_numbers():
-    assert block_seed(3, 0) == 3
-    assert len({block_seed(seed, block) for seed in range(4) for block in range(1, 5)}) == 16
+    assert len({block_seed(seed, block) for seed in range(4) for block in range(5)}) == 20
+    assert block_seed(3, 1) == block_seed(3, 1)
+
+
+def test_no_training_draws_what_an_evaluation_of_the_same_seed_draws(monkeypatch):
+    config = EvaluateConfig(policy="carry", scenes=("open_floor",), rollouts=4, seed=2)
+    scored = Scorer.of(config).states
+    assert len(scored) == 4
+    ranges = ObjectRange(shapes=config.shapes, size_m=config.size_m, mass_kg=config.mass_kg)
+    trained = CarryBank.sample(ranges, 4, 2, 0.005, torch.device("cpu")).states
+    assert not {s.carried for s in scored} & {s.carried for s in trained}
+    assert all(block_seed(2, block) != 2 for block in range(100))
+
+
+@pytest.mark.parametrize("substeps, timestep_s", [(2, 0.005), (4, 0.005), (1, 0.004)])
+def test_the_control_period_of_the_task_is_kept(standing, substeps, timestep_s):
+    task = {**standing.meta["task"], "substeps": substeps, "physics_dt_s": timestep_s}
+    plain, fine = evaluation_task(task), evaluation_task(task, fine=True)
+    assert (plain.substeps, plain.physics_dt_s) == (substeps, timestep_s)
+    assert fine.physics_dt_s <= 0.002 + 1e-12 and fine.control_dt_s == pytest.approx(plain.control_dt_s)
 
 
 def test_sums_of_trials():

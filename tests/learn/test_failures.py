@@ -365,7 +365,7 @@ def test_weights_that_are_not_finite_are_never_saved(begun, tiny_options, tmp_pa
     with monkeypatch.context() as patch:
         patch.setattr(runner.DualPpo, "update", diverging)
         line = refused(capfd, *argv)
-    assert "nets.low.actor.0.weight is not finite after update 2" in line and "--learning-rate" in line
+    assert "nets.low.actor.0.weight is not finite after update 2" in line and "--max-learning-rate" in line
     tensors, meta = load_checkpoint(out)
     assert meta["update"] == 1 and first_not_finite(tensors) is None
     assert main(argv) == 0 and load_checkpoint(out)[1]["update"] == 3

@@ -28,6 +28,8 @@ def test_branches_count_their_ancestor_once(run, tiny, tmp_path):
     merged = read_meta(merge([tmp_path / "branch1", tmp_path / "branch2"], tmp_path / "merged"))
     whole = root["steps"] + one["steps"] + two["steps"]
     assert total_steps(merged) == whole and two["steps"] == 2 * one["steps"]
+    again = read_meta(merge([tmp_path / "merged", tmp_path / "branch1"], tmp_path / "again"))
+    assert total_steps(again) == whole, "an average adds no steps, and a part is counted once"
     Runner(tiny(tmp_path / "next", init=tmp_path / "merged", updates=1)).train()
     last = read_meta(resolve(tmp_path / "next"))
     assert total_steps(last) == whole + last["steps"]
@@ -70,6 +72,19 @@ def test_impossible_lines_are_refused(run, tmp_path, line):
         load_checkpoint(folder)
 
 
-def test_an_older_checkpoint_counts_its_own_steps():
-    meta = {"sha256": "abc", "steps": 7}
+def test_a_resumed_average_counts_its_first_part_once(run, tiny, tmp_path):
+    for seed in (1, 2):
+        Runner(tiny(tmp_path / f"branch{seed}", init=run, seed=seed, updates=1)).train()
+    merge([tmp_path / "branch1", tmp_path / "branch2"], tmp_path / "merged")
+    before = total_steps(read_meta(resolve(tmp_path / "merged")))
+    Runner(tiny(tmp_path / "merged", seed=1, resume=True, updates=2)).train()
+    assert (
+        total_steps(read_meta(resolve(tmp_path / "merged")))
+        == before + read_meta(resolve(tmp_path / "branch1"))["steps"]
+    )
+
+
+@pytest.mark.parametrize("more", [{}, {"merged": [{"steps": 7, "sha256": "def"}]}])
+def test_an_older_checkpoint_counts_its_own_steps(more):
+    meta = {"sha256": "abc", "steps": 7} | more
     assert total_steps(meta) == 7 and line_of(meta) == {"abc": 7}

@@ -78,6 +78,8 @@ def test_two_different_parts_are_needed(branches, tmp_path, count):
         (lambda t, m: m["config"].update(preset="dual_sgf"), "its preset is 'dual_sgf'"),
         (lambda t, m: m["config"].update(hidden=[3]), r"its hidden is \[3\]"),
         (lambda t, m: m["config"]["task"].update(leg_scale_rad=9.0), "its leg_scale_rad is 9.0"),
+        (lambda t, m: m["config"]["task"].update(speed_m_s=0.1), "its speed_m_s is 0.1"),
+        (lambda t, m: m["config"]["task"].update(resolution_m=0.1), "its resolution_m is 0.1"),
         (lambda t, m: m["layout"].pop(), "its observation is"),
         (lambda t, m: t.update({f"net.{ACTOR}": torch.zeros(2, 2)}), f"has no net.{ACTOR} of the shape"),
         (lambda t, m: t[f"net.{ACTOR}"].fill_(torch.nan), "is not finite"),

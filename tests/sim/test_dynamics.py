@@ -1,9 +1,10 @@
 import mujoco
 import numpy as np
 import pytest
+import torch
 
 from hotice.errors import InvalidConfig
-from hotice.model import g1
+from hotice.model import g1, load_scenes
 from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig, joint_offset, perturb
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.mujoco_batch import differing_fields
@@ -73,6 +74,26 @@ def test_an_encoder_offset_shifts_where_the_joint_comes_to_rest(model):
     mujoco.mj_forward(out, data)
     wanted = -out.actuator_gainprm[:, 0] * offset
     np.testing.assert_allclose(data.actuator_force, np.clip(wanted, *out.actuator_forcerange.T), atol=1e-9)
+
+
+def test_robots_depend_neither_on_obstacles_nor_on_those_before_them(states):
+    device = torch.device("cpu")
+    (gap,) = load_scenes(["gap"])
+    bare = CarryBank.of(states, 0.005, device, dynamics=STUDENT_DYNAMICS, seed=3)
+    among = CarryBank.of(states, 0.005, device, dynamics=STUDENT_DYNAMICS, seed=3, scene=gap)
+    for a, b in zip(bare.models, among.models, strict=True):
+        assert b.ngeom > a.ngeom
+        for name in ("actuator_gainprm", "actuator_biasprm", "dof_frictionloss", "dof_armature"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+        masses = ([m.body(a.body(i).name).mass[0] for i in range(1, a.nbody)] for m in (a, b))
+        assert next(masses) == next(masses)
+        shared = [a.geom(i).name for i in range(a.ngeom) if a.geom(i).name]
+        assert len(shared) > 5
+        np.testing.assert_array_equal(
+            [a.geom(n).friction[0] for n in shared],
+            [b.geom(n).friction[0] for n in shared],
+            "friction of robot and object",
+        )
 
 
 def test_a_bank_holds_another_robot_for_each_state(states):

@@ -10,6 +10,7 @@ from gymnasium.wrappers.vector import ClipReward, RecordEpisodeStatistics
 
 from hotice.errors import InvalidConfig
 from hotice.sim import HoticeVectorEnv
+from hotice.sim.sensing import STUDENT_SENSING
 
 
 @pytest.fixture
@@ -70,6 +71,15 @@ def test_an_ended_episode_starts_anew_in_the_same_step(vector):
     assert info["final_info"]["episode_steps"].tolist() == [5] * 4
     np.testing.assert_array_equal(vector.env.memory.step.numpy(), 0)
     np.testing.assert_array_equal(observation, vector.env.policy_table(vector.env.snapshot()).numpy())
+
+
+def test_the_last_observation_is_what_the_robot_read(make_env):
+    vector = HoticeVectorEnv(make_env(4, episode_s=0.1, sensing=STUDENT_SENSING))
+    vector.reset(seed=0)
+    for _ in range(5):
+        *_, info = vector.step(np.zeros((4, 20)))
+    final = np.stack(list(info["final_obs"]))
+    assert np.abs(final - info["final_info"]["critic"][:, : final.shape[1]]).max() > 0.01
 
 
 def test_only_the_rows_that_ended_have_final_values(vector):
