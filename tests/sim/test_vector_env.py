@@ -74,12 +74,16 @@ def test_an_ended_episode_starts_anew_in_the_same_step(vector):
 
 
 def test_the_last_observation_is_what_the_robot_read(make_env):
-    vector = HoticeVectorEnv(make_env(4, episode_s=0.1, sensing=STUDENT_SENSING))
-    vector.reset(seed=0)
-    for _ in range(5):
-        *_, info = vector.step(np.zeros((4, 20)))
-    final = np.stack(list(info["final_obs"]))
-    assert np.abs(final - info["final_info"]["critic"][:, : final.shape[1]]).max() > 0.01
+    vector, longer = (HoticeVectorEnv(make_env(4, episode_s=s, sensing=STUDENT_SENSING)) for s in (0.1, 5.0))
+    for env in (vector, longer):
+        env.reset(seed=0)
+        for _ in range(5):
+            observation, *_, info = env.step(np.zeros((4, 20)))
+        if env is vector:
+            ended = info
+    final = np.stack(list(ended["final_obs"]))
+    np.testing.assert_array_equal(final, observation, "what it would have read, had the episode gone on")
+    assert np.abs(final - ended["final_info"]["critic"][:, : final.shape[1]]).max() > 0.01
 
 
 def test_only_the_rows_that_ended_have_final_values(vector):
