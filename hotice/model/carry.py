@@ -304,8 +304,8 @@ def solve_carry(
     if squeeze < least:
         raise CarryInfeasible(
             f"object of {carried.mass_kg:.2f} kg is too heavy for a squeeze of {squeeze:.0f} N: palm friction "
-            f"{PALM_FRICTION:g} holds at most {2 * PALM_FRICTION * squeeze / GRIP_MARGIN / GRAVITY:.2f} kg: squeeze with at least "
-            f"{least:.0f} N"
+            f"{PALM_FRICTION:g} holds at most {2 * PALM_FRICTION * squeeze / GRIP_MARGIN / GRAVITY:.2f} kg: "
+            f"squeeze with at least {least:.0f} N"
         )
     kin = _Kinematics(posture)
     object_pos = _solve_grasp(kin, posture, carried, grasp_height_m)

@@ -15,7 +15,6 @@ import numpy as np
 from hotice.errors import InvalidConfig
 from hotice.model import builder, g1
 
-
 FRICTIONS = ("sole_friction", "palm_friction", "object_friction")
 MOST_FRICTION = 10.0
 
@@ -92,7 +91,7 @@ PAPER_DYNAMICS = replace(
 )  # fmt: skip
 """Of the protocol `paper`: palms as in the first author's public fork."""
 
-STUDENT_DYNAMICS = replace(ROBOT_DYNAMICS, palm_friction=(1.6, 3.2))
+STUDENT_DYNAMICS = replace(ROBOT_DYNAMICS, palm_friction=(1.6, 2.4))
 """What students are trained under; palms are calibrated for the coarse physics of training, see docs/contacts.md."""
 
 LEAST_PUSH = 0.1
