@@ -22,8 +22,12 @@ MOST_FRICTION = 10.0
 def _check_range(name: str, value: object) -> None:
     if value is None:
         return
-    good = isinstance(value, tuple | list) and len(value) == 2 and bool(np.isfinite(np.asarray(value, float)).all())
-    if not good or not 0 < value[0] <= value[1] <= MOST_FRICTION:
+    pair = isinstance(value, tuple | list) and len(value) == 2
+    if not (
+        pair
+        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
+        and 0 < value[0] <= value[1] <= MOST_FRICTION  # also false for NaN
+    ):
         raise InvalidConfig(
             f"{name} is {value!r}: None, or a lowest and a highest value above 0 and at most {MOST_FRICTION:g}, are needed"
         )
@@ -65,6 +69,9 @@ class DynamicsConfig:
         for name, value in vars(self).items():
             if name in FRICTIONS:
                 _check_range(name, value)
+                object.__setattr__(
+                    self, name, value if value is None else tuple(float(v) for v in value)
+                )  # of a file: a list
             elif not (np.isfinite(value) and value >= 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
         for name in ("gain", "mass", "motor_strength", "payload"):
