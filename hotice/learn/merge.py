@@ -18,7 +18,7 @@ from hotice.learn.average import COUNT, PREFIX, averaged
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, read_meta, resolve, save_checkpoint
 from hotice.learn.health import check_weights
 from hotice.learn.lineage import ANCESTORS, MERGED, line_of
-from hotice.learn.teachers import CONTRACT
+from hotice.learn.teachers import contract
 
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 
@@ -87,8 +87,8 @@ def _check_alike(
         name: (meta["config"].get(name), their_meta["config"].get(name)) for name in SAME_CONFIG
     }
     pairs["observation"] = meta["layout"], their_meta["layout"]
-    for name in CONTRACT:
-        pairs[name] = meta["config"].get("task", {}).get(name), their_meta["config"].get("task", {}).get(name)
+    mine, yours = (contract(m["config"].get("task", {})) for m in (meta, their_meta))
+    pairs |= {name: (value, yours[name]) for name, value in mine.items()}
     for name, (a, b) in pairs.items():
         if a != b:
             raise CheckpointError(
