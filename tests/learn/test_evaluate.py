@@ -6,21 +6,20 @@ import mujoco
 import pytest
 import torch
 
+import hotice.learn.conditions as conditions
 import hotice.learn.evaluate as module
 from hotice.errors import CheckpointError, HoticeError, InvalidConfig
 from hotice.learn.carriers import policy_digest
 from hotice.learn.evaluate import (
     EvaluateConfig,
     Scorer,
-    block_seed,
     evaluate,
-    evaluation_task,
     scene_digest,
     score_block,
 )
+from hotice.learn.conditions import Conditions
 from hotice.learn.policy import load_policy
-from hotice.learn.trials import Trials
-from hotice.learn.wilson import wilson
+from hotice.learn.trials import Trials, success_interval
 from hotice.model import Box, load_scene
 from hotice.model.builder import HIT_SENSORS
 from hotice.model.carry import solve_carry
@@ -31,6 +30,7 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 from hotice.sim.mujoco_batch import MujocoBatch
 
+CALM = Conditions(perturbed=False)
 REPORT = {"format", "policy", "seed", "rollouts", "success_rate", "mean_distance_m", "scenes"}
 ROW = {
     "name",
@@ -86,19 +86,19 @@ def near(x):
     ],
 )
 def test_an_obstacle_in_the_way_is_a_collision(standing, states, position, shape, cause):
-    trials = score_block(standing, blocked(position, shape), states[:1], 4, 0, perturbed=False)
+    trials = score_block(standing, blocked(position, shape), 4 * states[:1], 0, CALM)
     assert trials.outcomes == {cause: 4} and trials.successes == 0
     assert all(1.8 < d < 2.2 for d in trials.distance_m)
 
 
 def test_an_obstacle_out_of_reach_is_none(standing, states):
     scene = blocked((1.0, 0.9, 0.5), BoxShape((0.1, 0.1, 1.0)))
-    trials = score_block(standing, scene, states[:1], 2, 0, perturbed=False)
+    trials = score_block(standing, scene, 2 * states[:1], 0, CALM)
     assert not set(trials.outcomes) & {"robot_collision", "object_collision"} and trials.rollouts == 2
 
 
 def test_success_is_counted_once_a_trial_with_its_distance_and_time(standing, states):
-    trials = score_block(standing, near(0.04), states, 5, 0)
+    trials = score_block(standing, near(0.04), (3 * states)[:5], 0, Conditions())
     assert trials.outcomes == {"success": 5} and trials.rollouts == len(trials.distance_m) == len(trials.time_s) == 5
     assert all(0.0 < d < 0.1 for d in trials.distance_m)
     assert all(0.0 < t <= 0.04 + 1e-6 for t in trials.time_s)
@@ -122,7 +122,7 @@ def test_trials_that_are_over_rest_and_change_nothing_for_the_others(states, mon
 
 def test_the_seed_decides(standing, states):
     scene = blocked((0.05, 0.31, 0.9), BoxShape((0.1, 0.3, 0.3)))
-    a, b, c = (score_block(standing, scene, states, 4, seed).distance_m for seed in (3, 3, 4))
+    a, b, c = (score_block(standing, scene, 2 * states, seed, Conditions()).distance_m for seed in (3, 3, 4))
     assert a == b != c
 
 
@@ -130,13 +130,13 @@ def test_objects_take_turns(standing, states, monkeypatch):
     """Also over several blocks."""
     seen = []
 
-    class Watched(module.TransportEnv):
+    class Watched(conditions.TransportEnv):
         def step(self, action):
             step = super().step(action)
             seen.append(step.model.tolist())
             return step
 
-    monkeypatch.setattr(module, "TransportEnv", Watched)
+    monkeypatch.setattr(conditions, "TransportEnv", Watched)
     score_block(standing, near(0.04), states, 3, 0)
     score_block(standing, near(0.04), states, 2, 0, first=3)
     assert seen[0] == [0, 1, 0] and seen[-1] == [1, 0]
@@ -145,7 +145,7 @@ def test_objects_take_turns(standing, states, monkeypatch):
 def test_a_contact_of_the_newest_state_is_a_hit(standing, states):
     """The robot falls onto a low block: hits say at every step what a fresh look at the state says."""
     scene = blocked((0.35, 0.0, 0.15), BoxShape((0.3, 0.6, 0.3)))
-    config = replace(evaluation_task(standing.meta["task"]), collisions=False, end_at_goal=False)
+    config = CALM.task(standing.meta["task"])
     carry = CarryBank.of(states[:1], config.physics_dt_s, torch.device("cpu"), scene=scene)
     env = TransportEnv(2, [scene], carry, config=config, threads=1)
     env.reset()
@@ -173,7 +173,7 @@ def test_a_diverged_trial_counts_from_where_it_was(standing, states):
                 env.physics.qvel[1] = float("inf")
             return super().act(obs)
 
-    class Seen(module.TransportEnv):
+    class Seen(conditions.TransportEnv):
         def __init__(self, *args, **kwargs):
             nonlocal env
             super().__init__(*args, **kwargs)
@@ -182,8 +182,8 @@ def test_a_diverged_trial_counts_from_where_it_was(standing, states):
     env = None
     place = Scene("far", bounds_m=((-0.5, -1.0, 0.0), (4.5, 1.0, 1.5)), start=(2.0, 0.0, 0.0), goal=(2.5, 0.0))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "TransportEnv", Seen)
-        trials = score_block(Exploding(standing.meta), place, states, 2, 0, perturbed=False)
+        patch.setattr(conditions, "TransportEnv", Seen)
+        trials = score_block(Exploding(standing.meta), place, states, 0, CALM)
     assert trials.outcome[1] == "unstable" and 0.4 < trials.distance_m[1] < 0.6
     assert not Path("MUJOCO_LOG.TXT").exists()
 
@@ -224,7 +224,7 @@ def test_report(onnx_file, tmp_path, capsys):
         causes = sum(row[k] for k in (*(ROW - {"name", "rollouts", "success_rate", "mean_distance_m"}), "unstable"))
         wins = round(row["success_rate"] * 3)
         assert causes + wins == 3
-        assert row["success_interval_95"] == pytest.approx(wilson(wins, 3), abs=1e-4)
+        assert row["success_interval_95"] == pytest.approx(success_interval(wins, 3), abs=1e-4)
     rates = [r["success_rate"] for r in report["scenes"]]
     assert report["success_rate"] == pytest.approx(sum(rates) / 2) == 0.5
     assert report["mean_distance_m"] == pytest.approx(sum(r["mean_distance_m"] for r in report["scenes"]) / 2)
@@ -248,14 +248,14 @@ def test_single_sources_of_noise_can_be_switched_off(onnx_file, tmp_path, capfd)
 def test_without_reaches_the_environment(standing, states, monkeypatch):
     seen = []
 
-    class Watched(module.TransportEnv):
+    class Watched(conditions.TransportEnv):
         def __init__(self, *args, config, **kwargs):
             seen.append(config)
             super().__init__(*args, config=config, **kwargs)
 
-    monkeypatch.setattr(module, "TransportEnv", Watched)
+    monkeypatch.setattr(conditions, "TransportEnv", Watched)
     for sources in ((), ("pushes",), ("dynamics", "root-rate")):
-        score_block(standing, near(0.04), states, 2, 0, without=sources)
+        score_block(standing, near(0.04), states, 0, Conditions(without=sources))
     assert [c.push_m_s for c in seen] == [1.0, 0.0, 1.0] and [c.sensing.root_hz for c in seen] == [10.0, 10.0, 0.0]
     assert [c.dynamics.nominal for c in seen] == [False, False, True]
 
@@ -369,7 +369,7 @@ def test_sums_of_trials():
 def test_a_policy_of_another_layout_is_refused(onnx_file, states):
     policy = Standing(load_policy(onnx_file).meta | {"layout": [["gyro", 3]]})
     with pytest.raises(CheckpointError, match="3 numbers are read, 201 given"):
-        score_block(policy, load_scene("open_floor"), states, 1, 0)
+        score_block(policy, load_scene("open_floor"), states[:1], 0, CALM)
 
 
 @pytest.mark.parametrize(
