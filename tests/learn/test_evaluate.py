@@ -10,6 +10,7 @@ import hotice.learn.conditions as conditions
 import hotice.learn.evaluate as module
 from hotice.errors import CheckpointError, HoticeError, InvalidConfig
 from hotice.learn.carriers import policy_digest
+from hotice.learn.conditions import Conditions
 from hotice.learn.evaluate import (
     EvaluateConfig,
     Scorer,
@@ -17,8 +18,8 @@ from hotice.learn.evaluate import (
     scene_digest,
     score_block,
 )
-from hotice.learn.conditions import Conditions
 from hotice.learn.policy import load_policy
+from hotice.learn.seeds import TrialSeeds
 from hotice.learn.trials import Trials, success_interval
 from hotice.model import Box, load_scene
 from hotice.model.builder import HIT_SENSORS
@@ -79,7 +80,7 @@ def near(x):
 @pytest.mark.parametrize(
     "position, shape, cause",
     [
-        ((0.62, 0.0, 0.85), BoxShape((0.3, 0.3, 0.1)), "object_collision"),
+        ((0.55, 0.0, 0.85), BoxShape((0.3, 0.3, 0.1)), "object_collision"),
         ((0.05, 0.31, 0.9), BoxShape((0.1, 0.3, 0.3)), "robot_collision"),
         ((0.05, -0.31, 0.9), CylinderShape(0.15, 0.3), "robot_collision"),
         ((0.12, 0.13, 0.05), BoxShape((0.1, 0.1, 0.1)), "robot_collision"),
@@ -114,10 +115,32 @@ def test_trials_that_are_over_rest_and_change_nothing_for_the_others(states, mon
         step(self, *args)
 
     monkeypatch.setattr(MujocoBatch, "step", counted)
-    trials = score_block(policy, scene, states, 6, 2, perturbed=False)
-    assert sum(advanced) == round(sum(trials.time_s) / 0.02) < 6 * len(advanced)
+    trials = score_block(policy, scene, 3 * states, 2, Conditions())
+    assert "success" in trials.outcome and sum(advanced) < 6 * len(advanced)
     monkeypatch.setattr(module, "let_rest", lambda *_: None)
-    assert score_block(policy, scene, states, 6, 2, perturbed=False) == trials
+    assert score_block(policy, scene, 3 * states, 2, Conditions()) == trials
+
+
+def test_the_exact_verdict_is_the_same_whoever_else_looks(states):
+    """Also where trials go on after a contact."""
+    scene = blocked((0.62, 0.0, 0.85), BoxShape((0.3, 0.3, 0.1)))
+    policy = load_policy("carry", threads=1)
+    both, alone = (
+        score_block(policy, scene, 2 * states, 1, Conditions(horizon_s=1.0), judges=judges)
+        for judges in (("exact", "points"), ("exact",))
+    )
+    assert "object_collision" in both.outcome and replace(both, points=()) == alone and len(both.points) == 4
+
+
+def test_a_trial_that_has_arrived_goes_on_to_the_limit(standing, states):
+    """The robot that holds still stands near the goal for a while: far less than 5 s of it."""
+    trials = score_block(standing, near(0.04), 2 * states, 0, Conditions(perturbed=False, horizon_s=0.3))
+    assert trials.outcomes == {"success": 4} and trials.standing == (True,) * 4
+    assert all(a != b for a, b in zip(trials.distance_m, trials.distance_at_limit_m, strict=True))
+    assert all(d < 0.2 for d in trials.distance_at_limit_m)
+    policy = load_policy("carry", threads=1)
+    trials = score_block(policy, Scene("open", goal=(0.5, 0.0)), states[:1], 0, Conditions(perturbed=False))
+    assert trials.outcome == ("success",) and trials.stayed == (True,) and trials.distance_at_limit_m[0] < 0.1
 
 
 def test_the_seed_decides(standing, states):
@@ -126,20 +149,18 @@ def test_the_seed_decides(standing, states):
     assert a == b != c
 
 
-def test_objects_take_turns(standing, states, monkeypatch):
-    """Also over several blocks."""
+def test_objects_take_turns_in_an_order_of_the_scene(onnx_file, tmp_path, monkeypatch):
+    """Also over several blocks: each is carried as often, and which trial carries it depends on the scene."""
     seen = []
-
-    class Watched(conditions.TransportEnv):
-        def step(self, action):
-            step = super().step(action)
-            seen.append(step.model.tolist())
-            return step
-
-    monkeypatch.setattr(conditions, "TransportEnv", Watched)
-    score_block(standing, near(0.04), states, 3, 0)
-    score_block(standing, near(0.04), states, 2, 0, first=3)
-    assert seen[0] == [0, 1, 0] and seen[-1] == [1, 0]
+    monkeypatch.setattr(module, "score_block", lambda *a, **k: seen.append([s.carried for s in a[2]]))
+    config = tiny_evaluation(onnx_file, None, rollouts=24, objects=8, batch=9)
+    scorer = Scorer.of(config)
+    for block in scorer.blocks():
+        scorer.score(None, *block)
+    pool = [s.carried for s in scorer.states]
+    first, second = (sum(seen[i : i + 3], []) for i in (0, 3))
+    assert [len(s) for s in seen] == [9, 9, 6] * 2 and len(pool) == 8
+    assert all(order.count(o) == 3 for o in pool for order in (first, second)) and first != second
 
 
 def test_a_contact_of_the_newest_state_is_a_hit(standing, states):
@@ -189,23 +210,25 @@ def test_a_diverged_trial_counts_from_where_it_was(standing, states):
 
 
 def test_the_papers_trial(standing):
-    config = evaluation_task(standing.meta["task"])
-    assert (config.episode_s, config.goal_radius_m, config.control_dt_s) == (5.0, 0.1, 0.02)
-    assert config.max_steps == 250 and config.end_at_goal and config.collisions and config.anywhere == 0.0
+    asked = Conditions()
+    config = asked.task(standing.meta["task"])
+    assert (asked.horizon_s, config.goal_radius_m, config.control_dt_s, asked.limit(config)) == (5.0, 0.1, 0.02, 250)
+    assert config.max_steps > 300 and not config.end_at_goal and not config.collisions and config.anywhere == 0.0
     assert config.leg_scale_rad == standing.meta["task"]["leg_scale_rad"]
-    fine = evaluation_task(standing.meta["task"], fine=True)
-    assert (fine.physics_dt_s, fine.control_dt_s) == (0.002, 0.02)
+    fine = Conditions(fine=True)
+    config = fine.task(standing.meta["task"])
+    assert (config.physics_dt_s, config.control_dt_s, fine.elliptic) == (0.002, 0.02, True)
 
 
 def test_training_tolerances_do_not_soften_the_score(standing):
     task = standing.meta["task"] | {"goal_radius_m": 0.5, "episode_s": 20.0, "collisions": False, "tolerance_m": 0.05}
-    assert evaluation_task(task) == evaluation_task(standing.meta["task"])
+    assert CALM.task(task) == CALM.task(standing.meta["task"])
 
 
 def tiny_evaluation(policy, out, **changes):
     near_scene, wall = Path("near.json"), Path("wall.json")
     near(0.04).save(near_scene)
-    blocked((0.62, 0.0, 0.85), BoxShape((0.3, 0.3, 0.1))).save(wall)
+    blocked((0.55, 0.0, 0.85), BoxShape((0.3, 0.3, 0.1))).save(wall)
     given = dict(
         policy=str(policy), scenes=(str(near_scene), str(wall)), rollouts=3, seed=5, out=out, objects=2, batch=2
     )
@@ -228,8 +251,14 @@ def test_report(onnx_file, tmp_path, capsys):
     rates = [r["success_rate"] for r in report["scenes"]]
     assert report["success_rate"] == pytest.approx(sum(rates) / 2) == 0.5
     assert report["mean_distance_m"] == pytest.approx(sum(r["mean_distance_m"] for r in report["scenes"]) / 2)
+    assert report["referees"] == ["exact", "points"]
+    near_row, wall = report["scenes"]
+    assert near_row["points"]["success_rate"] == 1.0 and near_row["standing_share"] is not None
+    assert wall["standing_share"] is None and wall["mean_distance_at_limit_m"] == wall["mean_distance_m"]
+    assert report["points"]["success_interval_95"] == pytest.approx(success_interval(3, 6), abs=1e-4)
     printed = capsys.readouterr().out
-    assert "near" in printed and "noise" in printed
+    assert "near" in printed and "noise" in printed and "by points" in " ".join(printed.split())
+    assert all(len(line) <= 130 for line in printed.splitlines())
     kept = json.loads((tmp_path / "report.json.trials" / "scene-001.json").read_text())
     assert kept["name"] == "blocked" and kept["rollouts"] == 3 and set(kept["blocks"]) == {"0", "1"}
 
@@ -258,6 +287,26 @@ def test_without_reaches_the_environment(standing, states, monkeypatch):
         score_block(standing, near(0.04), states, 0, Conditions(without=sources))
     assert [c.push_m_s for c in seen] == [1.0, 0.0, 1.0] and [c.sensing.root_hz for c in seen] == [10.0, 10.0, 0.0]
     assert [c.dynamics.nominal for c in seen] == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    "names, words",
+    [
+        (("exact", "video"), "unknown referee 'video'"),
+        (("exact", "exact"), "name each once"),
+        (("points",), "exact is needed"),
+        ((), "exact is needed"),
+    ],
+)
+def test_referees_given_wrongly_are_refused(names, words):
+    with pytest.raises(HoticeError, match=words):
+        EvaluateConfig(policy="x", scenes=("open_floor",), referees=names)
+
+
+def test_one_referee_alone_is_reported_alone(onnx_file, tmp_path, capsys):
+    report = evaluate(tiny_evaluation(onnx_file, tmp_path / "r.json", referees=("exact",), rollouts=1))
+    assert report["referees"] == ["exact"] and report["points"] is None and report["scenes"][0]["points"] is None
+    assert "points" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("changes", [dict(without=("noise",)), dict(without=("pushes",), perturbed=False)])
@@ -330,11 +379,6 @@ def test_the_digest_of_a_scene_covers_its_meshes(tmp_path):
     assert digests[0] == digests[1] != digests[2] and scene_digest(near(0.04)) != scene_digest(near(0.05))
 
 
-def test_blocks_draw_their_own_random_numbers():
-    assert len({block_seed(seed, block) for seed in range(4) for block in range(5)}) == 20
-    assert block_seed(3, 1) == block_seed(3, 1)
-
-
 def test_no_training_draws_what_an_evaluation_of_the_same_seed_draws(monkeypatch):
     config = EvaluateConfig(policy="carry", scenes=("open_floor",), rollouts=4, seed=2)
     scored = Scorer.of(config).states
@@ -342,13 +386,13 @@ def test_no_training_draws_what_an_evaluation_of_the_same_seed_draws(monkeypatch
     ranges = ObjectRange(shapes=config.shapes, size_m=config.size_m, mass_kg=config.mass_kg)
     trained = CarryBank.sample(ranges, 4, 2, 0.005, torch.device("cpu")).states
     assert not {s.carried for s in scored} & {s.carried for s in trained}
-    assert all(block_seed(2, block) != 2 for block in range(100))
+    assert all(TrialSeeds.of(2, load_scene("gap")).block(first) != 2 for first in range(100))
 
 
 @pytest.mark.parametrize("substeps, timestep_s", [(2, 0.005), (4, 0.005), (1, 0.004)])
 def test_the_control_period_of_the_task_is_kept(standing, substeps, timestep_s):
     task = {**standing.meta["task"], "substeps": substeps, "physics_dt_s": timestep_s}
-    plain, fine = evaluation_task(task), evaluation_task(task, fine=True)
+    plain, fine = CALM.task(task), replace(CALM, fine=True).task(task)
     assert (plain.substeps, plain.physics_dt_s) == (substeps, timestep_s)
     assert fine.physics_dt_s <= 0.002 + 1e-12 and fine.control_dt_s == pytest.approx(plain.control_dt_s)
 
