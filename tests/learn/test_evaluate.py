@@ -145,7 +145,9 @@ def test_a_trial_that_has_arrived_goes_on_to_the_limit(standing, states):
 
 def test_the_seed_decides(standing, states):
     scene = blocked((0.05, 0.31, 0.9), BoxShape((0.1, 0.3, 0.3)))
-    a, b, c = (score_block(standing, scene, 2 * states, seed, Conditions()).distance_m for seed in (3, 3, 4))
+    a, b, c = (
+        score_block(standing, scene, 2 * states, seed, Conditions(), judges=("exact",)).distance_m for seed in (3, 3, 4)
+    )
     assert a == b != c
 
 
@@ -230,7 +232,14 @@ def tiny_evaluation(policy, out, **changes):
     near(0.04).save(near_scene)
     blocked((0.55, 0.0, 0.85), BoxShape((0.3, 0.3, 0.1))).save(wall)
     given = dict(
-        policy=str(policy), scenes=(str(near_scene), str(wall)), rollouts=3, seed=5, out=out, objects=2, batch=2
+        policy=str(policy),
+        scenes=(str(near_scene), str(wall)),
+        rollouts=3,
+        seed=5,
+        out=out,
+        objects=2,
+        batch=2,
+        horizon_s=1.0,
     )
     return EvaluateConfig(**given | dict(threads=1) | changes)
 

@@ -49,7 +49,15 @@ def asked(tmp_path):
     def make(**changes):
         scenes = (str(tmp_path / "short.json"), str(tmp_path / "wide.json"))
         given = dict(
-            controller="walk", perturbed=False, scenes=scenes, rollouts=2, seed=5, objects=2, batch=1, threads=1
+            controller="walk",
+            perturbed=False,
+            scenes=scenes,
+            rollouts=2,
+            seed=5,
+            objects=2,
+            batch=1,
+            threads=1,
+            horizon_s=1.5,
         )
         return EvaluateConfig(**given | changes)
 
