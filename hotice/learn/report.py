@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 FORMAT = "hotice-report/1"
 PAPER_S = 5.0
-SHOWN = {"robot_collision": "robot hit", "object_collision": "object hit", "fall": "fall", "drop": "drop"}
-SHOWN |= {"timeout": "timeout", "unstable": "unstable", "no_plan": "no plan"}
+SHOWN = {"robot_collision": "robot\nhit", "object_collision": "object\nhit", "fall": "fall", "drop": "drop"}
+SHOWN |= {"timeout": "time-\nout", "unstable": "un-\nstable", "no_plan": "no\nplan"}
 SELDOM = ("unstable", "no_plan")
 """Causes that have a column only where they occur."""
 
@@ -38,6 +38,7 @@ def make_report(carrier: Carrier, config: EvaluateConfig, scores: Sequence[tuple
 
 def print_report(report: dict[str, Any], console: Console) -> None:
     """Prints the report as a table."""
+    from rich import box
     from rich.table import Table
 
     task = "noise, delays and pushes" if report["perturbed"] else "no noise"
@@ -45,10 +46,10 @@ def print_report(report: dict[str, Any], console: Console) -> None:
     task += "" if report["horizon_s"] == PAPER_S else f", {report['horizon_s']:g} s"
     who = report["policy"] if report["controller"] == "policy" else f"controller {report['controller']}"
     by_points = report["points"] is not None
-    heads = ["success", "95 %", *(["by points", "points hit"] if by_points else []), "end [m]"]
-    heads += [f"{report['horizon_s']:g} s [m]", "stands", "stays 1 s", "time [s]"]
+    heads = ["success\n%", "95\n%", *(["points\n%", "points\nhit"] if by_points else []), "end\nm"]
+    heads += [f"{report['horizon_s']:g} s\nm", "stands\n%", "stays\n%", "time\ns"]
     title = f"{who}: {report['rollouts']} trials a scene, seed {report['seed']}, {report['physics']}, {task}"
-    table = Table(title=title, padding=(0, 0, 0, 1) if by_points else (0, 1))
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("scene", overflow="fold")
     for name in heads:
         table.add_column(name, justify="right")
@@ -77,7 +78,7 @@ def _cells(row: dict[str, Any], by_points: bool) -> list[str]:
 
 
 def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{share:.1%}"
+    return "–" if share is None else f"{100 * share:.1f}"
 
 
 def _metres(distance_m: float | None) -> str:
