@@ -6,9 +6,9 @@ collision is:
 
 - `exact`: a link of the robot, or the object, touches an obstacle in any physics step; full geometry.
 - `points`: one of eleven points of the body, or of the object's eight keypoints (a box's corners), is deeper than 4 cm in an
-  obstacle by the signed distance of the fields' grid; the first 50 control steps are free. This is the collision rule of a
-  public neighbour (CAT's fork that carries boxes). Whose points they are the neighbour does not name: ours are head, shoulders,
-  torso, pelvis, knees and feet (the keypoints of the SGF), and hands.
+  obstacle by the signed distance of the fields' grid; the first 50 control steps are free. This is the collision rule of the
+  public code by the paper's first author; the eleven points are ours: head, shoulders, torso, pelvis, knees and feet (the
+  keypoints of the SGF), and hands.
 """
 
 from __future__ import annotations
