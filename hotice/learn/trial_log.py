@@ -59,7 +59,8 @@ class TrialLog:
     def gaps(self, body_W: Tensor, load_W: Tensor) -> tuple[np.ndarray, np.ndarray]:
         """Lowest signed distance [m] of points (N, K, 3) of body and load, (N,) each; infinite where it is not needed."""
         if "points" not in self.names or not any(s.obstacles for s in self.bank.scenes):
-            return (np.full(len(body_W), np.inf),) * 2
+            nowhere = np.full(len(body_W), np.inf)
+            return nowhere, nowhere
         scene = torch.zeros(len(body_W), dtype=torch.int64)
         depth = self.bank.signed_distance(scene, torch.cat([body_W, load_W], dim=1).float().contiguous())
         body, load = depth.split([body_W.shape[1], load_W.shape[1]], dim=1)
