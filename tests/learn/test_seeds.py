@@ -7,11 +7,12 @@ import torch
 from hotice.learn.conditions import Conditions, start_trials
 from hotice.learn.seeds import TrialSeeds, object_seed
 from hotice.learn.spread import spread_ratio
-from hotice.model import Box, load_scene
+from hotice.model import Box, builder, load_scene
 from hotice.model.carry import solve_carry
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape
 from hotice.sim.events import push
+from hotice.sim.terminations import OUTCOMES
 
 SCENES, TRIALS, POOL = 12, 400, 64
 
@@ -104,3 +105,35 @@ def test_trials_of_other_blocks_have_other_robots():
     seeds = TrialSeeds.of(0, scene(0))
     whole = [rng.uniform() for rng in seeds.robots(0, 10)]
     assert [rng.uniform() for rng in seeds.robots(4, 6)] == whole[4:] and len(set(whole)) == 10
+
+
+def test_what_happens_to_a_trial_changes_nothing_for_the_others():
+    """One falls or not: the other reads the same to the bit, and what ended is not started anew."""
+    state, read = solve_carry(Box((0.3, 0.3, 0.3), 1.0)), []
+    for throw in (False, True):
+        env = start_trials(scene(0), [state] * 2, 0, Conditions())
+        env.reset()
+        rows, fell = [], []
+        for t in range(20):
+            if throw and t == 4:
+                env.physics.qpos[0, 2] = 0.2
+            step = env.step(torch.zeros(2, 20))
+            rows.append(step.policy[1])
+            fell.append(OUTCOMES[step.outcome[0]] == "fall")
+            assert torch.equal(step.seen.goal_distance, step.goal_distance)
+        read.append(torch.stack(rows))
+        assert fell[4] == throw and not any(fell[:4]) and step.length.tolist() == [20, 20]
+    assert torch.equal(*read)
+
+
+def test_a_carry_state_is_compiled_once_for_all_its_trials(monkeypatch):
+    build, calls = builder.build_model, []
+    monkeypatch.setattr(builder, "build_model", lambda *a, **k: calls.append(a) or build(*a, **k))
+    one, other = solve_carry(Box((0.3, 0.3, 0.3), 1.0)), solve_carry(Box((0.2, 0.3, 0.3), 1.0))
+    calls.clear()
+    env = start_trials(scene(0), [one, other, one, one], 0, Conditions())
+    assert len(calls) == 2 and [s is one for s in env.carry.states] == [True, False, True, True]
+    masses = [m.body_mass.sum() for m in env.carry.models]
+    assert len(set(masses)) == 4
+    again = start_trials(scene(0), [one, one], 0, Conditions(), first=2)
+    assert [m.body_mass.sum() for m in again.carry.models] == masses[2:]
