@@ -6,13 +6,14 @@ import pytest
 import torch
 
 import hotice.learn.carriers as carriers
-import hotice.learn.evaluate as module
+import hotice.learn.conditions as conditions
 import hotice.learn.walk_trials as walk_trials
 from hotice.control.plant import TorquePlant
 from hotice.control.walk import WalkConfig
-from hotice.errors import InvalidConfig, MissingExtra, UnknownName
+from hotice.errors import InvalidConfig, MissingExtra, UnknownName, UnreachableGoal
 from hotice.learn.__main__ import main
-from hotice.learn.evaluate import EvaluateConfig, Scorer, evaluate, evaluation_task, score_block, start_trials
+from hotice.learn.conditions import Conditions
+from hotice.learn.evaluate import EvaluateConfig, Scorer, evaluate, score_block
 from hotice.learn.policy import load_policy
 from hotice.learn.walk_trials import Trial, failure, score_walks
 from hotice.model import Box, Cylinder, Sphere, builder, g1
@@ -36,10 +37,7 @@ WIDE = scene("wide", ("ground", (1.0, 0.0, 0.05), (1.2, 2.0, 0.1)), goal=2.0)
 
 
 def walked(place, states=(STATE,), rollouts=1, seed=0, **task):
-    task = {"fine": False, "horizon_s": 5.0} | task
-    env = start_trials(place, states, rollouts, seed, evaluation_task({}, **task), fine=task["fine"])
-    env.reset()
-    return score_walks(WalkConfig(), env)
+    return score_walks(WalkConfig(), place, rollouts * list(states), seed, Conditions(perturbed=False, **task))
 
 
 @pytest.fixture
@@ -51,7 +49,15 @@ def asked(tmp_path):
     def make(**changes):
         scenes = (str(tmp_path / "short.json"), str(tmp_path / "wide.json"))
         given = dict(
-            controller="walk", perturbed=False, scenes=scenes, rollouts=2, seed=5, objects=2, batch=1, threads=1
+            controller="walk",
+            perturbed=False,
+            scenes=scenes,
+            rollouts=2,
+            seed=5,
+            objects=2,
+            batch=1,
+            threads=1,
+            horizon_s=1.5,
         )
         return EvaluateConfig(**given | changes)
 
@@ -111,7 +117,7 @@ def test_policies_and_the_walk_start_alike(asked, onnx_file, monkeypatch):
     """Objects and starts of all blocks, to the bit."""
     seen = {"walk": [], "policy": []}
 
-    class Watched(module.TransportEnv):
+    class Watched(conditions.TransportEnv):
         def step(self, action):
             row = (self.carry.states[int(self.memory.model[0])].carried, self.physics.qpos[0].clone())
             if not seen["policy"] or len(seen["policy"]) < blocks:
@@ -120,13 +126,13 @@ def test_policies_and_the_walk_start_alike(asked, onnx_file, monkeypatch):
 
     def look(plant, place, pf, state, *args, **kwargs):
         seen["walk"].append((state.carried, torch.from_numpy(plant.data.qpos.copy())))
-        return Trial("fall", 1.0, 1.0, 1.0, 0, 0.0, 0.0)
+        raise UnreachableGoal("not looked for")
 
-    monkeypatch.setattr(walk_trials, "run_trial", look)
+    monkeypatch.setattr(walk_trials, "Walk", look)
     walk = Scorer.of(asked())
     for block in (0, 1):
         walk.score(WalkConfig(), 0, block)
-    monkeypatch.setattr(module, "TransportEnv", Watched)
+    monkeypatch.setattr(conditions, "TransportEnv", Watched)
     policy = Scorer.of(asked(controller="policy", policy=str(onnx_file), horizon_s=0.02))
     for block in (0, 1):
         blocks = block + 1
@@ -153,9 +159,9 @@ def test_fine_steps_reach_the_simulation(monkeypatch):
 
     def look(plant, *args, **kwargs):
         seen.append((plant.model.opt.timestep, plant.model.opt.cone))
-        return Trial("fall", 1.0, 1.0, 1.0, 0, 0.0, 0.0)
+        raise UnreachableGoal("not looked for")
 
-    monkeypatch.setattr(walk_trials, "run_trial", look)
+    monkeypatch.setattr(walk_trials, "Walk", look)
     for fine in (False, True):
         walked(SHORT, fine=fine)
     cone = mujoco.mjtCone
@@ -203,7 +209,7 @@ def test_a_trial_that_would_go_on_is_a_timeout():
 def test_the_time_limit_is_that_of_both(onnx_file):
     trials = walked(SHORT, horizon_s=0.2)
     assert trials.outcomes == {"timeout": 1} and trials.time_s == (0.2,)
-    trials = score_block(load_policy(onnx_file), SHORT, [STATE], 1, 0, perturbed=False, horizon_s=0.1)
+    trials = score_block(load_policy(onnx_file), SHORT, [STATE], 0, Conditions(perturbed=False, horizon_s=0.1))
     assert trials.outcomes == {"timeout": 1} and trials.time_s == (0.1,)
 
 
