@@ -11,7 +11,6 @@ their number nor on interruptions.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -35,7 +34,7 @@ from hotice.learn.version import source_version
 from hotice.model.carry import CarryState
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Scene
-from hotice.model.shapes import MeshShape
+from hotice.model.scene_digest import scene_digest
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.config import TaskConfig
 from hotice.sim.env import TransportEnv
@@ -285,15 +284,6 @@ class Scorer:
             "scenes": [scene_digest(scene) for scene in self.scenes],
         }  # fmt: skip
         return json.loads(json.dumps(settings))
-
-
-def scene_digest(scene: Scene) -> str:
-    """SHA-256 of a scene and of the mesh files it names."""
-    digest = hashlib.sha256(json.dumps(scene.to_dict(), sort_keys=True).encode())
-    for obstacle in scene.obstacles:
-        if isinstance(obstacle.shape, MeshShape):
-            digest.update(obstacle.shape.path.read_bytes())
-    return digest.hexdigest()
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from hotice.learn.evaluate import (
     block_seed,
     evaluate,
     evaluation_task,
-    scene_digest,
     score_block,
 )
 from hotice.learn.policy import load_policy
