@@ -1,8 +1,9 @@
 """One builder for every simulator: the robot, what it carries and what stands in its way.
 
 `build_model` compiles for MuJoCo, `pinocchio_model` and `add_to_plant` give the same robot to Pinocchio and Drake.
-Contact bits: 1 floor, 2 carried object, 4 obstacles. The floor meets soles and object, the object meets palms, trunk and
-thighs, obstacles meet every link and the object.
+Contact bits: 1 floor, 2 carried object, 4 obstacles. The floor meets soles, every other link and the object, the object meets
+palms, trunk and thighs, obstacles meet every link and the object; links meet each other by the pairs of `self_contact`.
+Friction is not combined: the geom of higher priority has it, palms 2, soles and object 1, everything else 0.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from hotice.model import g1
 from hotice.model.frames import quat_from_axis_angle
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
+from hotice.model.self_contact import add_self_contact
 
 if TYPE_CHECKING:
     import pinocchio
@@ -59,6 +61,7 @@ def robot_spec(joints: Literal[20, 29] = 20, wrist_pos: ArrayLike | None = None)
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
         actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.forcerange = limit
+    add_self_contact(spec)
     return spec
 
 
@@ -133,7 +136,7 @@ def add_object(spec: mujoco.MjSpec, carried: CarriedObject, shapes: Sequence[str
             name=f"{OBJECT_BODY}_{kind}" if shapes else OBJECT_BODY,
             type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"),
             size=[*size, 0, 0][:3] if kind == own else [POINT_M] * 3,
-            contype=OBJECT, conaffinity=FLOOR | OBSTACLE, condim=3, friction=[0.8, 0.005, 0.0001], group=2,
+            contype=OBJECT, conaffinity=FLOOR | OBSTACLE, condim=3, friction=[0.8, 0.005, 0.0001], priority=1, group=2,
             rgba=[0.80, 0.60, 0.35, 1], mass=0,
         )  # fmt: skip
     body.explicitinertial = True
