@@ -19,6 +19,7 @@ from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, read_meta
 from hotice.learn.health import check_weights
 from hotice.learn.lineage import ANCESTORS, MERGED, line_of
 from hotice.learn.teachers import contract
+from hotice.learn.trained_on import TRAINED_ON, TrainedOn
 
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 
@@ -53,9 +54,11 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
             merged[kept] = merged[name].clone()
     own = {k: v for k, v in meta.items() if k not in ("format", "sha256", "update")}
     behind: dict[str, int] = {}
-    for each in (meta, *(m for _, m in others)):
+    trained_on = TrainedOn()
+    for folder, each in zip(folders, (meta, *(m for _, m in others)), strict=True):
         behind |= line_of(each)
-    own[ANCESTORS] = behind
+        trained_on |= TrainedOn.of_meta(each, str(folder))
+    own[ANCESTORS], own[TRAINED_ON] = behind, trained_on.to_json()
     own[MERGED] = [{"steps": m["steps"], "sha256": m["sha256"]} for m in (meta, *(m for _, m in others))]
     return save_checkpoint(out, int(meta["update"]), merged, own)
 
