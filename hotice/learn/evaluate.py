@@ -111,7 +111,9 @@ class EvaluateConfig:
     @property
     def conditions(self) -> Conditions:
         """Physics, perturbation and time limit."""
-        return Conditions(protocol=self.protocol, perturbed=self.perturbed, without=self.without, horizon_s=self.horizon_s)
+        return Conditions(
+            protocol=self.protocol, perturbed=self.perturbed, without=self.without, horizon_s=self.horizon_s
+        )
 
     @property
     def judges(self) -> tuple[str, ...]:

@@ -50,7 +50,8 @@ class Signals:
     """What was seen of N trials after each of T control steps, each (T, N); rows after a trial's end are not read.
 
     fall, drop, unstable, robot_hit, object_hit: bool. robot_gap_m, object_gap_m: lowest signed distance of the points of the
-    body and of the object, infinite where nobody looked. goal_m: root to goal, horizontally.
+    body and of the object, infinite where nobody looked. goal_m: root to goal, horizontally. self_depth_m: how deep parts of the
+    robot were in each other.
     """
 
     fall: np.ndarray
@@ -61,6 +62,7 @@ class Signals:
     robot_gap_m: np.ndarray
     object_gap_m: np.ndarray
     goal_m: np.ndarray
+    self_depth_m: np.ndarray
 
     @classmethod
     def stacked(cls, steps: Sequence[Signals]) -> Signals:
@@ -109,6 +111,12 @@ def _first(signals: Signals, limit: int, robot: np.ndarray, load: np.ndarray) ->
     code = code[:limit]
     at = (code > 0).argmax(axis=0)
     return Verdict(code[at, np.arange(code.shape[1])], at + 1)
+
+
+def deepest(signals: Signals, verdict: Verdict) -> np.ndarray:
+    """How deep parts of the robot were in each other at most before each trial's end, (N,) [m]; self contact ends no trial."""
+    before = np.arange(len(signals.self_depth_m))[:, None] < verdict.step
+    return np.where(before, signals.self_depth_m, 0.0).max(axis=0)
 
 
 @dataclass(frozen=True)

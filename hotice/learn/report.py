@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from hotice.learn.carriers import described
-from hotice.learn.trials import CAUSES, PLURAL, Trials
+from hotice.learn.trials import CAUSES, DEEP_M, PLURAL, Trials
 from hotice.learn.version import source_version
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def make_report(carrier: Carrier, config: EvaluateConfig, scores: Sequence[tuple
         "format": FORMAT, **described(carrier), "seed": config.seed, "rollouts": config.rollouts,
         **Trials.joined(trials for _, trials in scores).rates(),
         "perturbed": config.perturbed, "without": list(config.without),
-        "physics": config.conditions.physics, "referees": list(config.judges),
+        "protocol": config.protocol, "physics": config.conditions.physics, "referees": list(config.judges),
         "objects": {"shapes": list(config.shapes), "size_m": list(config.size_m), "mass_kg": list(config.mass_kg)},
         "horizon_s": config.horizon_s, "source": source_version(),
         "scenes": [{"name": name, **trials.summary()} for name, trials in scores],
@@ -48,7 +48,10 @@ def print_report(report: dict[str, Any], console: Console) -> None:
     by_points = report["points"] is not None
     heads = ["success\n%", "95\n%", *(["points\n%", "points\nhit"] if by_points else []), "end\nm"]
     heads += [f"{report['horizon_s']:g} s\nm", "stands\n%", "stays\n%", "time\ns"]
-    title = f"{who}: {report['rollouts']} trials a scene, seed {report['seed']}, {report['physics']}, {task}"
+    title = (
+        f"{who}, protocol {report['protocol']} ({report['physics']}): {report['rollouts']} trials a scene, "
+        f"seed {report['seed']}, {task}"
+    )
     table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("scene", overflow="fold")
     for name in heads:
@@ -62,6 +65,11 @@ def print_report(report: dict[str, Any], console: Console) -> None:
     sums = {PLURAL[c]: sum(r[PLURAL[c]] for r in report["scenes"]) for c in causes}
     table.add_row("all", *_cells(report, by_points), *map(str, sums.values()))
     console.print(table)
+    if (within := report["self_contact"]) is not None:
+        console.print(
+            f"contact within the robot: {within['share']:.1%} of trials, {within['deep_share']:.1%} deeper than "
+            f"{1e3 * DEEP_M:g} mm, {1e3 * within['deepest_m']:.0f} mm at most"
+        )
 
 
 def _cells(row: dict[str, Any], by_points: bool) -> list[str]:

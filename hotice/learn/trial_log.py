@@ -75,7 +75,7 @@ class TrialLog:
                 fall=outcome == OUTCOMES.index("fall"), drop=outcome == OUTCOMES.index("drop"),
                 unstable=outcome == OUTCOMES.index("unstable"), robot_hit=seen.robot_hit.numpy(),
                 object_hit=seen.object_hit.numpy(), robot_gap_m=robot_gap_m, object_gap_m=object_gap_m,
-                goal_m=step.goal_distance.numpy(),
+                goal_m=step.goal_distance.numpy(), self_depth_m=step.self_depth.numpy(),
             )
         )  # fmt: skip
 
@@ -96,4 +96,5 @@ class TrialLog:
             time_s=tuple(round(n * self.dt_s, 6) for n in verdict.step.tolist()),
             distance_at_limit_m=tuple(after.distance_m.tolist()), standing=tuple(after.standing.tolist()),
             stayed=tuple(after.stayed.tolist()), points=by_points,
+            self_depth_m=tuple(referees.deepest(signals, verdict).tolist()),
         )  # fmt: skip

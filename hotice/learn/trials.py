@@ -18,9 +18,11 @@ PLURAL = {
     "timeout": "timeouts", "unstable": "unstable", "no_plan": "no_plans",
 }  # fmt: skip
 MAX_FILE_BYTES = 256 * 2**20
+DEEP_M = 0.005
+"""Contacts within the robot that are deeper are counted apart: so far two links may yield to each other in the simulation."""
 
 
-OPTIONAL = ("distance_at_limit_m", "standing", "stayed", "points")
+OPTIONAL = ("distance_at_limit_m", "standing", "stayed", "points", "self_depth_m")
 """Fields of `Trials` that may be empty: earlier versions lacked them, and `points` where the exact referee was alone."""
 
 
@@ -29,7 +31,8 @@ class Trials:
     """Trials of one scene: outcome (of `OUTCOMES`, or `no_plan`), root to goal at the end [m], and duration [s] of each.
 
     distance_at_limit_m: root to goal at the time limit, of failures at their end. standing, stayed: whether the robot has arrived
-    and goes on standing there, see `hotice.learn.referees.afterwards`. points: outcome by the points rule.
+    and goes on standing there, see `hotice.learn.referees.afterwards`. points: outcome by the points rule. self_depth_m: how deep
+    parts of the robot were in each other at most.
     """
 
     outcome: tuple[str, ...] = ()
@@ -39,6 +42,7 @@ class Trials:
     standing: tuple[bool, ...] = ()
     stayed: tuple[bool, ...] = ()
     points: tuple[str, ...] = ()
+    self_depth_m: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name, values in vars(self).items():
@@ -54,7 +58,7 @@ class Trials:
 
     def rounded(self, digits: int) -> Trials:
         """The same with distances of so many digits."""
-        names = ("distance_m", "distance_at_limit_m")
+        names = ("distance_m", "distance_at_limit_m", "self_depth_m")
         return replace(self, **{name: tuple(round(d, digits) for d in getattr(self, name)) for name in names})
 
     @property
@@ -83,8 +87,18 @@ class Trials:
             "mean_distance_at_limit_m": sum(limit) / len(limit) if limit else None,
             "standing_share": sum(self.standing) / arrived if self.standing and arrived else None,
             "stayed_share": sum(self.stayed) / arrived if self.stayed and arrived else None,
-            "points": self._by_points(),
+            "points": self._by_points(), "self_contact": self._within(),
         }  # fmt: skip
+
+    def _within(self) -> dict[str, float] | None:
+        """Share of trials with contact within the robot, with one deeper than `DEEP_M`, and the deepest of all [m]."""
+        depth = self.self_depth_m
+        if not depth:
+            return None
+        share = {
+            name: sum(d > least for d in depth) / len(depth) for name, least in (("share", 0.0), ("deep_share", DEEP_M))
+        }
+        return share | {"deepest_m": max(depth)}
 
     def _by_points(self) -> dict[str, Any] | None:
         if not self.points:

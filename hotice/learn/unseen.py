@@ -18,7 +18,7 @@ from hotice.fields.bank import FieldBank
 from hotice.fields.similarity import similarity_matrix
 from hotice.learn.trained_on import TrainedOn
 from hotice.learn.training_scenes import TrainingScenes
-from hotice.learn.wilson import wilson
+from hotice.learn.trials import success_interval
 from hotice.model.generate.family_names import family_of
 from hotice.model.scene import Scene
 from hotice.model.scene_digest import scene_digest
@@ -118,7 +118,7 @@ def _rates(points: list[dict[str, Any]]) -> dict[str, Any]:
     """Success rate over all trials of some scenes with its 95 % Wilson interval, and means over trials and scenes."""
     trials = sum(p["rollouts"] for p in points)
     successes = sum(round(p["success_rate"] * p["rollouts"]) for p in points)
-    low, high = wilson(successes, trials)
+    low, high = success_interval(successes, trials)
     return {
         "scenes": len(points), "rollouts": trials, "success_rate": successes / max(1, trials),
         "success_interval_95": [round(low, 4), round(high, 4)],

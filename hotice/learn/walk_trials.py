@@ -99,7 +99,7 @@ def _score(
             lost = ("no_plan",)
             return Trials(
                 outcome=lost, distance_m=(away,), time_s=(0.0,), distance_at_limit_m=(away,), standing=(False,),
-                stayed=(False,), points=lost if "points" in judges else (),
+                stayed=(False,), points=lost if "points" in judges else (), self_depth_m=(0.0,),
             )  # fmt: skip
         while log.running.any():
             run.look()
@@ -123,7 +123,7 @@ def _signals(run: Walk, state: CarryState, log: TrialLog) -> Signals:
     return Signals(
         **{name: np.array([failed == name]) for name in ("fall", "drop", "unstable")},
         robot_hit=run.touched[:1].copy(), object_hit=run.touched[1:].copy(), robot_gap_m=gaps[0], object_gap_m=gaps[1],
-        goal_m=np.array([run.distance_m]),
+        goal_m=np.array([run.distance_m]), self_depth_m=np.maximum(0.0, -data.sensor(builder.SELF_SENSOR).data),
     )  # fmt: skip
 
 

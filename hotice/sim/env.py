@@ -47,7 +47,8 @@ class Step:
     terminated, truncated (N,): failure or success, and time out. outcome (N,): index into `OUTCOMES`, 0 while running.
     goal_distance (N,): root to goal [m] before any restart. reached (N,): within the goal radius. touched (N,): robot or
     object intrudes into an obstacle, by the sphere cover. scene, model (N,): ids of the episode that made this step.
-    length (N,): control steps of that episode so far. seen: the instant after the step, before any restart.
+    length (N,): control steps of that episode so far. seen: the instant after the step, before any restart. self_depth (N,): how
+    deep parts of the robot were in each other during the step [m], 0 where the physics does not look (training).
     """
 
     policy: Tensor
@@ -66,6 +67,7 @@ class Step:
     model: Tensor
     length: Tensor
     seen: Snapshot
+    self_depth: Tensor
 
 
 class TransportEnv:
@@ -217,6 +219,8 @@ class TransportEnv:
         terms = torch.where(unstable[:, None], torch.zeros_like(terms), terms)
         policy, critic = self._observe(s, self.everyone), self._privileged(s, self.everyone)
         final_policy, final_critic = policy, critic
+        deep = self.physics.self_depth
+        self_depth = torch.zeros(self.num_envs, device=self.device) if deep is None else deep.clone()
         scene, model, length = self.memory.scene.clone(), self.memory.model.clone(), self.memory.step.clone()
         done = torch.nonzero(outcome > 0).squeeze(1)
         if self.restarts and len(done):
@@ -229,7 +233,7 @@ class TransportEnv:
             terminated=terminated, truncated=truncated, outcome=outcome, goal_distance=s.goal_distance,
             reached=s.goal_distance < self.config.goal_radius_m,
             touched=torch.minimum(s.clearance, s.object_clearance) < 0.0, scene=scene, model=model, length=length,
-            seen=s,
+            seen=s, self_depth=self_depth,
         )  # fmt: skip
 
     def _act(self, action: Tensor) -> None:

@@ -47,6 +47,7 @@ class MujocoWarp:
         self.num_envs = num_envs
         self.device = torch.device(device)
         self.hits: Tensor | None = None
+        self.self_depth: Tensor | None = None
         self.models = list(models)
         first = self.models[0]
         if mujoco.mj_name2id(first, mujoco.mjtObj.mjOBJ_SENSOR, HIT_SENSORS[0]) >= 0:

@@ -217,9 +217,10 @@ def test_the_papers_trial(standing):
     assert (asked.horizon_s, config.goal_radius_m, config.control_dt_s, asked.limit(config)) == (5.0, 0.1, 0.02, 250)
     assert config.max_steps > 300 and not config.end_at_goal and not config.collisions and config.anywhere == 0.0
     assert config.leg_scale_rad == standing.meta["task"]["leg_scale_rad"]
-    fine = Conditions(fine=True)
-    config = fine.task(standing.meta["task"])
-    assert (config.physics_dt_s, config.control_dt_s, fine.elliptic) == (0.002, 0.02, True)
+    assert (config.physics_dt_s, config.substeps, asked.elliptic) == (0.002, 10, True)
+    paper = Conditions(protocol="paper")
+    config = paper.task(standing.meta["task"])
+    assert (config.physics_dt_s, config.substeps, paper.elliptic) == (0.005, 4, False)
 
 
 def test_training_tolerances_do_not_soften_the_score(standing):
@@ -401,9 +402,10 @@ def test_no_training_draws_what_an_evaluation_of_the_same_seed_draws(monkeypatch
 @pytest.mark.parametrize("substeps, timestep_s", [(2, 0.005), (4, 0.005), (1, 0.004)])
 def test_the_control_period_of_the_task_is_kept(standing, substeps, timestep_s):
     task = {**standing.meta["task"], "substeps": substeps, "physics_dt_s": timestep_s}
-    plain, fine = CALM.task(task), replace(CALM, fine=True).task(task)
-    assert (plain.substeps, plain.physics_dt_s) == (substeps, timestep_s)
-    assert fine.physics_dt_s <= 0.002 + 1e-12 and fine.control_dt_s == pytest.approx(plain.control_dt_s)
+    for protocol, most in (("robot", 0.002), ("paper", 0.005)):
+        asked = replace(CALM, protocol=protocol).task(task)
+        assert asked.physics_dt_s <= most + 1e-12
+        assert asked.control_dt_s == pytest.approx(substeps * timestep_s)
 
 
 def test_sums_of_trials():

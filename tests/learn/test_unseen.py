@@ -3,9 +3,9 @@
 import pytest
 
 from hotice.learn.trained_on import TrainedOn
+from hotice.learn.trials import success_interval
 from hotice.learn.unseen import compared, group_of, similarities, unseen_points
 from hotice.learn.unseen_views import draw_unseen, unseen_markdown
-from hotice.learn.wilson import wilson
 from hotice.model.generate.families import family_scenes
 from hotice.model.scene import load_scene
 
@@ -31,7 +31,7 @@ def test_groups_are_counted_apart(tmp_path):
             "success_rate": rate,
             "rollouts": n,
             "mean_distance_m": d,
-            "success_interval_95": list(wilson(round(rate * n), n)),
+            "success_interval_95": list(success_interval(round(rate * n), n)),
         }
         for rate, n, d in rates
     ]
@@ -44,7 +44,7 @@ def test_groups_are_counted_apart(tmp_path):
     apart = result["groups"]["family_not_trained_on"]
     assert (apart["scenes"], apart["rollouts"], apart["families"]) == (2, 12, ["one_step", "pipe"])
     assert apart["success_rate"] == pytest.approx(5 / 12) and apart["mean_distance_m"] == pytest.approx(10.8 / 12)
-    assert apart["success_interval_95"] == pytest.approx(wilson(5, 12), abs=1e-4)
+    assert apart["success_interval_95"] == pytest.approx(success_interval(5, 12), abs=1e-4)
     assert result["groups"]["family_trained_on"]["success_rate"] == 1.0
     text = unseen_markdown(result)
     assert "5 training scenes" in text and "| family not trained on | 2 | 12 | 41.7 |" in text

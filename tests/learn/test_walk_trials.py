@@ -147,14 +147,14 @@ def test_other_shapes_are_carried_too(carried):
 
 
 def test_trials_are_looked_at_as_often_as_those_of_policies():
-    """Also with fine steps, in which the controller acts every 4 ms."""
-    for fine in (False, True):
-        trials = walked(SHORT, fine=fine)
+    """Also with steps of 2 ms, in which the controller acts every 4 ms."""
+    for protocol in ("paper", "robot"):
+        trials = walked(SHORT, protocol=protocol)
         assert trials.outcomes == {"success": 1}
         assert trials.time_s[0] == pytest.approx(0.02 * round(trials.time_s[0] / 0.02), abs=1e-9)
 
 
-def test_fine_steps_reach_the_simulation(monkeypatch):
+def test_the_protocol_reaches_the_simulation(monkeypatch):
     seen = []
 
     def look(plant, *args, **kwargs):
@@ -162,8 +162,8 @@ def test_fine_steps_reach_the_simulation(monkeypatch):
         raise UnreachableGoal("not looked for")
 
     monkeypatch.setattr(walk_trials, "Walk", look)
-    for fine in (False, True):
-        walked(SHORT, fine=fine)
+    for protocol in ("paper", "robot"):
+        walked(SHORT, protocol=protocol)
     cone = mujoco.mjtCone
     assert seen == [(0.005, cone.mjCONE_PYRAMIDAL), (0.002, cone.mjCONE_ELLIPTIC)]
 
