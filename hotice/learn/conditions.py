@@ -6,7 +6,6 @@ for policies, the walking baseline and records alike.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -22,55 +21,51 @@ from hotice.model.scene import Scene
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.config import TaskConfig
 from hotice.sim.env import TransportEnv
-from hotice.sim.perturbations import without as switch_off
+from hotice.sim.protocols import get_protocol
 
 CPU = torch.device("cpu")
-FINE_DT_S = 0.002
 KEPT = (
     "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s", "stop_gain_hz", "gait_hz", "swing_height_m",
     "resolution_m", "margin_m", "scan", "history", "physics_dt_s", "substeps",
 )  # fmt: skip
-"""What a policy's own task decides."""
+"""What a policy's own task decides; of the physics step and its number only the control period remains."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
     """Physics, perturbation and time limit of trials. Raises `UnknownName` for a source that is none."""
 
-    fine: bool = False
-    """2 ms physics steps and elliptic friction cones instead of those of the training."""
+    protocol: str = "robot"
+    """Physics and perturbations, of `hotice.sim.protocols`."""
     perturbed: bool = True
-    """Noise, delays, pushes and uncertain dynamics as in the training of students."""
+    """Whether the perturbations act."""
     without: tuple[str, ...] = ()
     """Of these, what is switched off."""
     horizon_s: float = 5.0
     """Time limit (paper: 5 s)."""
 
     def __post_init__(self) -> None:
-        switch_off(TaskConfig(), self.without)
+        get_protocol(self.protocol).task(TaskConfig(), without=self.without)
 
     @property
     def elliptic(self) -> bool:
         """Friction cones of the physics."""
-        return self.fine
+        return get_protocol(self.protocol).elliptic
 
     @property
     def physics(self) -> str:
         """What reports say of the physics."""
-        return "2 ms, elliptic" if self.fine else "5 ms, pyramidal"
+        return get_protocol(self.protocol).physics
 
     def task(self, trained: dict[str, Any]) -> TaskConfig:
         """The task that a policy was trained on, as trials need it: from the scene's start, ended by nothing but fall or drop.
 
         The time limit is longer than the trial's by `STAY_S`, see `hotice.learn.referees.afterwards`; `limit` has the trial's.
         """
-        values = {k: trained[k] for k in KEPT if k in trained}
-        known = TaskConfig()
-        if self.fine:
-            values |= _finer(replace(known, **{k: values[k] for k in ("physics_dt_s", "substeps") if k in values}))
-        known = switch_off(known.perturbed() if self.perturbed else known, self.without)
+        known = replace(TaskConfig(), **{k: trained[k] for k in KEPT if k in trained})
+        known = get_protocol(self.protocol).task(known, perturbed=self.perturbed, without=self.without)
         task = replace(
-            known, **values, goal_radius_m=GOAL_M, anywhere=0.0, end_at_goal=False, collisions=False, tolerance_m=0.0,
+            known, goal_radius_m=GOAL_M, anywhere=0.0, end_at_goal=False, collisions=False, tolerance_m=0.0,
             start_noise_m=0.03, start_yaw_noise_rad=0.1,
         )  # fmt: skip
         return replace(task, episode_s=self.horizon_s + STAY_S + 2 * task.control_dt_s)
@@ -78,12 +73,6 @@ class Conditions:
     def limit(self, task: TaskConfig) -> int:
         """Control steps of a trial."""
         return max(1, round(self.horizon_s / task.control_dt_s))
-
-
-def _finer(task: TaskConfig) -> dict[str, Any]:
-    """Physics steps of `FINE_DT_S` or a little less in the same control period."""
-    substeps = math.ceil(task.control_dt_s / FINE_DT_S - 1e-9)
-    return {"physics_dt_s": task.control_dt_s / substeps, "substeps": substeps}
 
 
 def start_trials(

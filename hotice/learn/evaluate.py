@@ -29,13 +29,14 @@ from hotice.learn.conditions import Conditions, start_trials
 from hotice.learn.policy import Policy, check_layout
 from hotice.learn.referees import REFEREES, check_referees
 from hotice.learn.report import make_report, print_report
-from hotice.learn.seeds import TrialSeeds, object_seed, scene_digest
+from hotice.learn.seeds import TrialSeeds, object_seed
 from hotice.learn.trial_log import TrialLog
 from hotice.learn.trials import Trials, TrialStore
 from hotice.learn.version import source_version
 from hotice.model.carry import CarryState
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Scene
+from hotice.model.scene_digest import scene_digest
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 from hotice.sim.memory import check_memory
@@ -67,10 +68,11 @@ class EvaluateConfig:
     """Trials that one process takes at a time: a policy's are simulated side by side."""
     threads: int = 0
     """Processes, each on one core; 0: one for each core."""
-    fine: bool = False
-    """Simulate with 2 ms steps and elliptic friction cones instead of the training settings."""
+    protocol: Literal["robot", "paper"] = "robot"
+    """`robot`: 2 ms physics with converged elliptic cones, palms 0.6 to 1.2, soles 0.5 to 1.2, torso's centre of mass ± 10 cm;
+    `paper`: 5 ms physics with pyramids, palms 2.0, soles 0.8 to 1.2, ± 5 cm, to compare with the paper's tables."""
     perturbed: bool = True
-    """Noise, delays, pushes and uncertain dynamics as in the training of students."""
+    """Noise, delays, pushes and uncertain dynamics of the protocol."""
     without: tuple[str, ...] = ()
     """Of these, what is switched off, to see what it costs: sensor-noise, object-noise, delay, root-rate, pushes, dynamics."""
     shapes: tuple[str, ...] = ("box",)
@@ -109,7 +111,7 @@ class EvaluateConfig:
     @property
     def conditions(self) -> Conditions:
         """Physics, perturbation and time limit."""
-        return Conditions(fine=self.fine, perturbed=self.perturbed, without=self.without, horizon_s=self.horizon_s)
+        return Conditions(protocol=self.protocol, perturbed=self.perturbed, without=self.without, horizon_s=self.horizon_s)
 
     @property
     def judges(self) -> tuple[str, ...]:

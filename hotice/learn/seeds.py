@@ -6,14 +6,12 @@ alone or among others, in any order, and no two scenes share theirs.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass
 
 import numpy as np
 
 from hotice.model.scene import Scene
-from hotice.model.shapes import MeshShape
+from hotice.model.scene_digest import scene_digest
 
 BLOCKS, OBJECTS, ROBOTS, ORDER = 101, 102, 103, 104
 """Streams of random numbers that no training draws from."""
@@ -54,12 +52,3 @@ def object_seed(seed: int) -> int:
 def derived(*numbers: int) -> int:
     """A seed made of several numbers."""
     return int(np.random.SeedSequence(numbers).generate_state(1, np.uint32)[0])
-
-
-def scene_digest(scene: Scene) -> str:
-    """SHA-256 of a scene and of the mesh files it names."""
-    digest = hashlib.sha256(json.dumps(scene.to_dict(), sort_keys=True).encode())
-    for obstacle in scene.obstacles:
-        if isinstance(obstacle.shape, MeshShape):
-            digest.update(obstacle.shape.path.read_bytes())
-    return digest.hexdigest()

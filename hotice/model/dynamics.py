@@ -98,8 +98,19 @@ PAPER_DYNAMICS = replace(
 )  # fmt: skip
 """Of the protocol `paper`: palms as in the first author's public fork."""
 
-STUDENT_DYNAMICS = replace(ROBOT_DYNAMICS, palm_friction=(1.6, 2.4))
-"""What students are trained under; palms are calibrated for the coarse physics of training, see docs/contacts.md."""
+TRAINING_PALMS = {0.005: (1.7, 2.4), 0.010: (2.3, 3.0)}
+"""By physics step [s], the friction with which pyramids creep as much as elliptic cones at 2 ms do with 0.6 and upwards: from
+some 0.75 on no friction makes the coarse physics creep as little. Measured by `benchmarks.friction`, see docs/contacts.md."""
+
+
+def student_dynamics(physics_dt_s: float) -> DynamicsConfig:
+    """What students are trained under in physics steps of `physics_dt_s` [s]."""
+    step = min((s for s in TRAINING_PALMS if s >= physics_dt_s - 1e-9), default=max(TRAINING_PALMS))
+    return replace(ROBOT_DYNAMICS, palm_friction=TRAINING_PALMS[step])
+
+
+STUDENT_DYNAMICS = student_dynamics(0.005)
+"""What students are trained under in the default physics step."""
 
 LEAST_PUSH = 0.1
 """Of the largest push: the least (CAT: 0.1 of 1.0 m/s)."""

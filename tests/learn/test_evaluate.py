@@ -15,7 +15,6 @@ from hotice.learn.evaluate import (
     EvaluateConfig,
     Scorer,
     evaluate,
-    scene_digest,
     score_block,
 )
 from hotice.learn.policy import load_policy
@@ -26,6 +25,7 @@ from hotice.model.builder import HIT_SENSORS
 from hotice.model.carry import solve_carry
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Obstacle, Scene
+from hotice.model.scene_digest import scene_digest
 from hotice.model.shapes import BoxShape, CylinderShape, MeshShape
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
