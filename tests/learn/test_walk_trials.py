@@ -80,7 +80,11 @@ def test_a_report_of_the_walk(asked, tmp_path, capsys):
     assert wide["no_plans"] == 2 and wide["success_rate"] == 0.0 and wide["timeouts"] == 0
     assert wide["mean_distance_m"] == pytest.approx(2.0, abs=0.04)
     printed = " ".join(capsys.readouterr().out.split())
-    assert "controller walk: 2 trials" in printed and " no " in printed and " plan " in printed
+    assert (
+        "controller walk, protocol robot (2 ms, elliptic): 2 trials" in printed
+        and " no " in printed
+        and " plan " in printed
+    )
 
 
 def test_an_interrupted_evaluation_goes_on_and_ends_the_same(asked, tmp_path, monkeypatch, capfd):
