@@ -44,7 +44,7 @@ class DynamicsConfig:
     gain: float = 0.0
     """Proportional and derivative gains, each joint on its own (CAT: ± 0.25)."""
     friction_loss_nm: float = 0.0
-    """Largest dry friction of a joint [N m], drawn from 0 on (ours: 0.2; the description has none that CAT's ± 0.1 could scale)."""
+    """Largest dry friction of a joint [N m], drawn from 0 on (ours: 0.2; CAT scales one that our description lacks by ± 0.1)."""
     armature: float = 0.0
     """Armature of each joint, only upwards (CAT: + 0.05)."""
     mass: float = 0.0
