@@ -86,6 +86,27 @@ def test_show_writes_a_page_of_its_own(tmp_path, capsys):
     refused(capsys, "show", "beam", "--port", "99999")
 
 
+def test_names_that_look_alike_are_all_shown(tmp_path, monkeypatch):
+    from hotice.model import Obstacle
+    from hotice.model.shapes import BoxShape
+    from hotice.replay import scene_view
+
+    names = ("shelf/left", "shelf left", "shelf left (2)", "shelf left")
+    assert scene_view.viewer_names(names) == ["shelf left", "shelf left (3)", "shelf left (2)", "shelf left (4)"]
+    boxes = tuple(
+        Obstacle(name, "side", BoxShape((0.2, 0.2, 0.8)), (0.5 + 0.7 * k, 0.6, 0.4)) for k, name in enumerate(names[:3])
+    )
+    shown, add = [], scene_view._add_solid
+
+    def noted(at, *arguments):
+        shown.append(at.path.lower())
+        add(at, *arguments)
+
+    monkeypatch.setattr(scene_view, "_add_solid", noted)
+    scene_view.scene_page([Scene("a/b", obstacles=boxes)], robot=True)
+    assert len(set(shown)) == len(shown) and sum("obstacles" in path for path in shown) == 3
+
+
 def test_page_is_served(tmp_path):
     from hotice.replay.scene_view import page_server
 

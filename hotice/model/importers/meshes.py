@@ -6,7 +6,6 @@ like a cloud of points.
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import cast
 
@@ -15,11 +14,13 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
 from hotice.files import write_text
-from hotice.model.obj_text import absolute_indices
+from hotice.model.importers.mesh_files import read_mesh
 
 Points = NDArray[np.float64]
 MESH_SUFFIXES = (".glb", ".obj", ".off", ".ply", ".stl")
 MAX_FACES = 5_000_000
+FARTHEST = 1e8
+"""Corners with larger coordinates are strays, in any unit."""
 MAX_BODY_FACES = 4000
 """Faces of all bodies that stay meshes: what the simulator's exact collisions allow for one."""
 
@@ -29,22 +30,13 @@ def read_triangles(content: bytes, suffix: str) -> NDArray[np.float64]:
 
     Triangles that are not finite or have no area are left out. Raises `InvalidMap` when no others are there.
     """
-    import trimesh
-
-    try:
-        content = absolute_indices(content) if suffix == ".obj" else content
-        scene = trimesh.load_scene(
-            io.BytesIO(content), file_type=suffix.removeprefix("."), process=False, skip_materials=True
-        )
-        mesh = scene.to_mesh()
-        corners = np.asarray(mesh.vertices, dtype=np.float64)[np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)]
-    except Exception as error:  # any failure of a parser on an untrusted file is the file's
-        raise InvalidMap(f"cannot be read: {' '.join(str(error).split())[:200] or type(error).__name__}") from None
+    vertices, faces = read_mesh(content, suffix)
+    corners = vertices[faces]
     if len(corners) > MAX_FACES:
         raise InvalidMap(f"has {len(corners):,} faces: decimate it to {MAX_FACES:,} at most")
     with np.errstate(all="ignore"):
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        corners = corners[np.isfinite(area) & (area > 0.0) & (np.abs(corners).max(axis=(1, 2)) < 1e6)]
+        corners = corners[np.isfinite(area) & (area > 0.0) & (np.abs(corners).max(axis=(1, 2)) < FARTHEST)]
     if not len(corners):
         raise InvalidMap("holds no triangles of finite size")
     return corners
