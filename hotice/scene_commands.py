@@ -79,8 +79,12 @@ def import_map(config: Flat[ImportConfig]) -> int:
     console = Console(highlight=False)
     with console.status(f"importing {config.map}"):
         imported = import_scene(config.map, config)
-        imported.scene.save(config.out)
         picture = write_import_picture(imported, config.out.with_suffix(".png"))
+        try:
+            imported.scene.save(config.out)
+        except HoticeError:
+            picture.unlink(missing_ok=True)
+            raise
     for name, text in imported.notes.items():
         console.print(f"{name:>10}: {text}", markup=False, soft_wrap=True)
     for name, path in (("scene", config.out), ("picture", picture)):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hotice.model import bvh
-from hotice.model.importers.meshes import closed_bodies
+from hotice.model.importers.meshes import closed_bodies, upper_side
 
 Points = NDArray[np.float64]
 Body = tuple[Points, NDArray[np.int64]]
@@ -16,21 +17,34 @@ HEADROOM_M = 1.5
 """A body in which one can stand is at least this high inside."""
 
 
-def rooms_and_solids(corners: Points, near: NDArray[np.bool_], places: Points) -> tuple[Points, list[Body]]:
-    """Surfaces (F, 3, 3) and closed solid bodies of triangles (F, 3, 3), z up.
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Triangles (F, 3, 3) that are surfaces, loose or of rooms; closed `solids`; what may be floor of either."""
+
+    surface: Points
+    solids: list[Body]
+    stood_on: Points
+
+
+def rooms_and_solids(corners: Points, near: NDArray[np.bool_], places: Points) -> Place:
+    """What triangles (F, 3, 3), z up, are to a robot that walks between `places` (2, 2), start and goal.
 
     A body is taken whole, however far it reaches, when one of its triangles is `near` (F,); other triangles only if they are.
-    A closed body that both `places` (2, 2), start and goal, stand in is a room, a surface, unless it is a block with
-    things on its top and none inside.
+    A closed body that both places stand in is a room, a surface, unless it is a block with things on its top and none inside.
+    Of rooms in one another, as the two sides of thick walls are, only the inner has the floor.
     """
     bodies, loose = closed_bodies(corners, near)
-    solids, surfaces = [], [loose]
+    solids, rooms = [], []
     for k, body in enumerate(bodies):
-        if _holds(body, places) and not _is_block(body, places, [*bodies[:k], *bodies[k + 1 :]], loose):
-            surfaces.append(body[0][body[1]])
-        else:
-            solids.append(body)
-    return np.concatenate(surfaces), solids
+        room = _holds(body, places) and not _is_block(body, places, [*bodies[:k], *bodies[k + 1 :]], loose)
+        (rooms if room else solids).append(body)
+    rooms.sort(key=lambda room: _crossings(room[0][room[1]], *places[0])[0])
+    surfaces = [loose, *(vertices[faces] for vertices, faces in rooms)]
+    return Place(
+        surface=np.concatenate(surfaces),
+        solids=solids,
+        stood_on=np.concatenate([loose, *surfaces[1:][-1:], *map(upper_side, solids)]),
+    )
 
 
 def inside(bodies: Sequence[Body], p: Points) -> NDArray[np.bool_]:

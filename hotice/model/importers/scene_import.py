@@ -161,15 +161,14 @@ def from_triangles(corners_M: NDArray[np.float64], options: ImportOptions, name:
         raise InvalidMap(f"no surface lies within {NEAR_M:g} m of start and goal: check them, and the unit")
     origin = _origin(corners_M[near].reshape(-1, 3), options)
     places = np.array([options.start[:2], options.goal])
-    surface, solids = rooms_and_solids(corners_M - origin, near, places - origin[:2])
+    place = rooms_and_solids(corners_M - origin, near, places - origin[:2])
     if options.floor == "fit":
-        stood_on = np.concatenate([surface, *(upper_side(body) for body in solids)])
         low, high = _window(corners_M[near].reshape(-1, 3), options)
-        floor = fit_floor(sample_surface(stood_on, 0.04, low - origin, high - origin))
+        floor = fit_floor(sample_surface(place.stood_on, 0.04, low - origin, high - origin))
     else:
         floor = Floor.given()
-    surface = floor.to_world(surface)
-    solids = [(floor.to_world(vertices), faces) for vertices, faces in solids]
+    surface = floor.to_world(place.surface)
+    solids = [(floor.to_world(vertices), faces) for vertices, faces in place.solids]
     floor = floor.about(origin)
     start, goal, low, high = _crop(floor, options)
     meshes, boxed = _meshes([body for body in solids if _touch(body[0][body[1]], low, high).any()], name)
@@ -382,8 +381,9 @@ def _mesh_obstacle(folder: Path, name: str, vertices: Points, faces: NDArray[np.
 
 def _notes(floor: Floor, group: NDArray[np.int8], boxes: list[Obstacle]) -> dict[str, str]:
     kept, on_floor, noise = np.bincount(group, minlength=3)[:3]
+    height_m = floor.height_m + floor.origin_M[2]
     return {
-        "floor": f"tilt {math.degrees(floor.tilt_rad):.2f} degrees, height {floor.height_m:.3f} m in the map, "
+        "floor": f"tilt {math.degrees(floor.tilt_rad):.2f} degrees, height {height_m:.3f} m in the map, "
         f"noise {1000 * floor.noise_m:.1f} mm",
         "crop": f"{kept:,} kept, {on_floor:,} floor or below it, {noise:,} noise and specks",
         "obstacles": f"{len(boxes)} boxes",
