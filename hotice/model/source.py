@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hotice.errors import InvalidScene
-from hotice.model.frames import mat_to_quat, quat_mul, quat_rotate
+from hotice.model.frames import Array, mat_to_quat, quat_mul, quat_rotate
 from hotice.model.shapes import check_keys, shown
 
 KEYS = ("file", "sha256", "unit_m", "position_m", "quaternion_wxyz")
@@ -63,18 +63,18 @@ class MapSource:
             quaternion_wxyz=tuple(quat.tolist()),
         )  # fmt: skip
 
-    def to_scene(self, p_M: ArrayLike) -> NDArray[np.float64]:
+    def to_scene(self, p_M: ArrayLike) -> Array:
         """Points (..., 3) in the map's frame and unit -> (..., 3) in W [m]."""
         return quat_rotate(np.array(self.quaternion_wxyz), self.unit_m * np.asarray(p_M, dtype=float)) + self.position_m
 
-    def pose_to_scene(self, p_MB: ArrayLike, quat_MB: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pose_to_scene(self, p_MB: ArrayLike, quat_MB: ArrayLike) -> tuple[Array, Array]:
         """Pose of a body B in the map (position in its unit; quaternion wxyz) -> position [m] and quaternion in W."""
         return self.to_scene(p_MB), quat_mul(np.array(self.quaternion_wxyz), np.asarray(quat_MB, dtype=float))
 
     def moved(self, position_m: ArrayLike, quaternion_wxyz: ArrayLike) -> MapSource:
         """The source of a scene whose frame V is another one, given the pose X_VW of this scene's frame W in it."""
         quat = np.asarray(quaternion_wxyz, dtype=float)
-        position = quat_rotate(quat, np.array(self.position_m)) + position_m
+        position = quat_rotate(quat, np.array(self.position_m)) + np.asarray(position_m, dtype=float)
         turned = quat_mul(quat, np.array(self.quaternion_wxyz))
         return replace(
             self, position_m=tuple(position.tolist()), quaternion_wxyz=tuple((turned / np.linalg.norm(turned)).tolist())

@@ -76,13 +76,16 @@ class Floor:
         return float(x), float(y), math.atan2(dy, dx)
 
 
-def fit_floor(p_M: Points, seed: int = 0) -> Floor:
+def fit_floor(p_M: Points, seed: int = 0, thin: Points | None = None) -> Floor:
     """The floor under a map's points (n, 3) [m].
 
     The largest plane that is level within 20 degrees gives the direction; of all levels along it the floor is the lowest
     large one (not the ceiling, not a table). Exact for points without noise. Raises `InvalidMap` where no level stands out.
+
+    Args:
+        p_M: the points. seed: of the sampling. thin: the points thinned by `CELL_M`, where that is done already.
     """
-    thin = _sample(p_M, seed)
+    thin = _sample(thinned(p_M, CELL_M) if thin is None else thin, seed)
     triples = np.random.default_rng(seed).integers(0, len(thin), (_TRIALS, 3))
     counts, normals = _try_planes(thin, triples, BAND_M, math.cos(MAX_TILT_RAD))
     best = int(np.argmax(counts))
@@ -107,9 +110,8 @@ def fit_floor(p_M: Points, seed: int = 0) -> Floor:
     return Floor(R_WM=_level(normal), height_m=height, noise_m=_spread(residual))
 
 
-def _sample(p_M: Points, seed: int) -> Points:
-    """Points of even density, at most `_SAMPLE`. Raises `InvalidMap` for too few."""
-    thin = thinned(p_M, CELL_M)
+def _sample(thin: Points, seed: int) -> Points:
+    """At most `_SAMPLE` of the points. Raises `InvalidMap` for too few."""
     if len(thin) > _SAMPLE:
         thin = thin[np.random.default_rng(seed).choice(len(thin), _SAMPLE, replace=False)]
     if len(thin) < 50:

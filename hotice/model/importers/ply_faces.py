@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from hotice.model.importers.ply import ORDERS, PlyHeader, read_header
 from hotice.model.importers.polygons import BadPolygon, fill
 
 _NAMES = ("vertex_indices", "vertex_index")
-Columns = dict[str, list]
+Columns = dict[str, Any]
 """Values of an element's properties, one a row: a number, or a list of numbers."""
 
 
@@ -114,6 +115,7 @@ def _binary(content: bytes, header: PlyHeader) -> Callable[[str, int], Columns]:
 
 
 def _size(value: np.generic) -> int:
-    if not 0 <= value <= 10_000:
-        raise InvalidMap(f"has a list of {value} numbers: 0 to 10,000 are read")
-    return int(value)
+    size = int(value)
+    if not 0 <= size <= 10_000:
+        raise InvalidMap(f"has a list of {size} numbers: 0 to 10,000 are read")
+    return size
