@@ -26,7 +26,11 @@ def read_obj(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
                 raise InvalidMap(f"line {number}: a vertex needs x, y and z, {len(words) - 1} numbers came")
             rows.append(words[1:4])
         elif words[0] == b"f":
-            polygons.append(_face(words[1:], len(rows), number))
+            try:
+                face = [int(word.partition(b"/")[0]) - 1 for word in words[1:]]
+            except ValueError:  # a comment, or a fault
+                face = _face(words[1:], len(rows), number)
+            polygons.append(face if min(face, default=0) >= 0 else _face(words[1:], len(rows), number))
             lines.append(number)
     vertices = _numbers(rows)
     try:
@@ -42,6 +46,9 @@ def read_obj(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 def _lines(content: bytes):
     """(number, line) of all lines, those that end with a backslash joined to the next."""
+    if b"\\" not in content:
+        yield from enumerate(content.splitlines(), 1)
+        return
     begun, first = b"", 0
     for number, line in enumerate(content.splitlines(), 1):
         if line.endswith(b"\\"):
@@ -65,7 +72,7 @@ def _face(words: list[bytes], seen: int, number: int) -> list[int]:
         if index == 0 or index < -seen:
             what = "OBJ counts vertices from 1" if index == 0 else f"only {seen:,} vertices come before it"
             raise InvalidMap(f"line {number}: face index {index}: {what}; export the mesh again")
-        face.append(min(index - 1 if index > 0 else seen + index, 2**62))
+        face.append(index - 1 if index > 0 else seen + index)
     return face
 
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
 from hotice.model.importers.ply import ORDERS, PlyHeader, read_header
-from hotice.model.importers.polygons import BadPolygon, fill
+from hotice.model.importers.polygons import BadPolygon, fill, fill_flat
 
 _NAMES = ("vertex_indices", "vertex_index")
 Columns = dict[str, Any]
-"""Values of an element's properties, one a row: a number, or a list of numbers."""
+"""Values of an element's properties, one a row: a number, or a list of numbers; lists of one length as an array (n, k)."""
 
 
 def read_ply_mesh(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -30,6 +30,9 @@ def read_ply_mesh(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64
     if faces is None or header.elements["face"][1][next(n for n in _NAMES if n in found["face"])] != "":
         raise InvalidMap(f"PLY faces lack a list {' or '.join(_NAMES)}")
     try:
+        if isinstance(faces, np.ndarray):
+            flat = faces.astype(np.int64).reshape(-1)
+            return vertices, fill_flat(vertices, flat, np.full(len(faces), faces.shape[1]))
         return vertices, fill(vertices, [list(map(int, face)) for face in faces])
     except BadPolygon as bad:
         raise InvalidMap(f"face {bad.number + 1} {bad}") from None
@@ -106,7 +109,7 @@ def _binary(content: bytes, header: PlyHeader) -> Callable[[str, int], Columns]:
             table = np.frombuffer(content, dtype, count, begin)
             if all((table[f"{name} count"] == len(first[name])).all() for (e, name) in header.lists if e == element):
                 at = begin + table.nbytes
-                return {n: table[n].tolist() if (element, n) in header.lists else table[n][:, 0] for n in first}
+                return {n: table[n] if (element, n) in header.lists else table[n][:, 0] for n in first}
         at = begin
         rows = [row(element) for _ in range(count)]
         return {n: [r[n].tolist() if (element, n) in header.lists else r[n][0] for r in rows] for n in first}

@@ -35,7 +35,11 @@ def fill(vertices: Points, polygons: list[list[int]]) -> Indices:
         BadPolygon: a number is none of `vertices` (V, 3), or the polygon crosses itself or has too many corners.
     """
     counts = np.fromiter(map(len, polygons), np.int64, len(polygons))
-    flat = np.fromiter(chain.from_iterable(polygons), np.int64, int(counts.sum()))
+    try:
+        flat = np.fromiter(chain.from_iterable(polygons), np.int64, int(counts.sum()))
+    except OverflowError:
+        number = next(k for k, p in enumerate(polygons) if not all(abs(i) < 2**62 for i in p))
+        raise BadPolygon(number, f"names a vertex far beyond the {len(vertices):,} there are") from None
     return fill_flat(vertices, flat, counts)
 
 
