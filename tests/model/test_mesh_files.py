@@ -306,3 +306,29 @@ def test_glb_with_a_part_compressed_is_refused_by_name():
     content = struct.pack("<4sII", b"glTF", 2, 20 + len(text)) + struct.pack("<I4s", len(text), b"JSON") + text
     with pytest.raises(InvalidMap, match="KHR_draco_mesh_compression"):
         read_mesh(content, ".glb")
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off", ".ply", ".plyb", ".glb", ".stl"])
+def test_damaged_files_are_read_or_refused(suffix, count=150):
+    """Seeded bytes changed, dropped and repeated: a mesh, or one line of `InvalidMap`."""
+    stl = b"\0" * 80 + struct.pack("<I", 12) + b"".join(
+        struct.pack("<12fH", 0, 0, 0, *CUBE[t].ravel().tolist(), 0) for t in TRIANGLES
+    )  # fmt: skip
+    whole = {
+        ".obj": obj(CUBE, QUADS), ".off": off(CUBE, QUADS), ".ply": ply(CUBE, QUADS),
+        ".plyb": ply(CUBE, QUADS, "binary_big_endian"), ".glb": glb(CUBE.astype("<f4"), TRIANGLES), ".stl": stl,
+    }[suffix]  # fmt: skip
+    rng = np.random.default_rng(len(suffix))
+    for _ in range(count):
+        content = bytearray(whole)
+        for _ in range(rng.integers(1, 6)):
+            at, length = rng.integers(len(content)), rng.integers(1, 9)
+            what = (rng.bytes(length), b"", bytes(content[at : at + length]) * 3, b"-", b"9e9", b"1e400", b"[]", b"null")
+            content[at : at + length] = what[rng.integers(len(what))]
+        with np.errstate(all="ignore"):
+            try:
+                vertices, faces = read_mesh(bytes(content), suffix[:4])
+            except InvalidMap as error:
+                assert "\n" not in str(error) and len(str(error)) < 400
+                continue
+        assert faces.shape[1:] == (3,) and (not len(faces) or 0 <= faces.min() <= faces.max() < len(vertices))

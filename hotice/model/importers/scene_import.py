@@ -135,7 +135,8 @@ def from_points(p_M: Points, options: ImportOptions, name: str) -> Imported:
     start, goal, low, high = _crop(floor, options)
     p_W = floor.to_world(near)
     p_W = p_W[((p_W >= [*low[:2], -np.inf]) & (p_W < high)).all(axis=1)]
-    _check_above(p_W, options)
+    if options.floor == "fit":
+        _check_above(p_W, options)
     boxes, group = _boxes(p_W, low, high, floor, options, (start[:2], goal))
     notes = {
         "points": f"{len(p_M):,}, {len(p_M) - len(finite):,} not finite, {len(p_W):,} in the crop",
@@ -175,7 +176,7 @@ def from_triangles(corners_M: NDArray[np.float64], options: ImportOptions, name:
     surface = np.concatenate([surface, *(vertices[faces] for vertices, faces in boxed)])
     p_W = sample_surface(surface, 0.5 * options.voxel_m, low - [0.0, 0.0, BELOW_M], high)
     boxes, group = _boxes(p_W, low, high, floor, options, (start[:2], goal), boxed)
-    if not meshes and not boxes:
+    if options.floor == "fit" and not meshes and not boxes:
         _check_above(p_W, options)
     notes = {
         "triangles": f"{len(corners_M):,}, {_touch(surface, low, high).sum():,} sampled in the crop",
