@@ -1,6 +1,6 @@
 """Do carry states hold? 100 random objects, pelvis fixed, random servo targets, five seconds.
 
-    python -m benchmarks.carry [--objects 100] [--seed 0]
+    python -m benchmarks.carry [--objects 100] [--seed 0] [--fine] [--palm-friction 0.6]
 
 Slip: movement of the object's centre in the frame of the pelvis beyond what the mean of both palms moved.
 """
@@ -18,7 +18,8 @@ from rich.table import Table
 
 from hotice.errors import CarryInfeasible
 from hotice.model import builder
-from hotice.model.carry import Posture, solve_carry
+from hotice.model.carry import CarryState, Posture, solve_carry
+from hotice.model.dynamics import DynamicsConfig, perturb
 from hotice.model.object_range import ObjectRange
 
 NOISE_RAD = 0.03
@@ -26,11 +27,16 @@ SECONDS = 5.0
 CONTROL_S = 0.02
 
 
-def hold(state, rng: np.random.Generator, *, timestep_s: float = 0.005, elliptic: bool = False) -> tuple[bool, float]:
+def hold(
+    state: CarryState, rng: np.random.Generator, *, timestep_s: float = 0.005, elliptic: bool = False,
+    palm_friction: float | None = None,
+) -> tuple[bool, float]:  # fmt: skip
     """Simulates the held object at a fixed pelvis; returns whether it stayed and the slip [m]."""
     model = builder.build_model(
         state.carried, wrist_pos=state.wrist_pos, fixed_base=True, floor=False, timestep_s=timestep_s, elliptic=elliptic
     )
+    if palm_friction is not None:
+        model = perturb(model, DynamicsConfig(palm_friction=(palm_friction, palm_friction)), rng)
     data = mujoco.MjData(model)
     offset = state.root_pos_W - model.body("pelvis").pos
     model.body("pelvis").quat[:] = state.quat_WP
@@ -58,6 +64,7 @@ def main() -> None:
     parser.add_argument(
         "--fine", action="store_true", help="2 ms steps and elliptic cones instead of training settings"
     )
+    parser.add_argument("--palm-friction", type=float, help="of both palms; default: that of the description, 2.0")
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
     objects = ObjectRange(shapes=("box", "cylinder", "sphere"))
@@ -72,11 +79,14 @@ def main() -> None:
             infeasible.append(str(error))
             continue
         solve_s.append(time.perf_counter() - begin)
-        ok, slip = hold(state, rng, timestep_s=0.002 if args.fine else 0.005, elliptic=args.fine)
+        dt = 0.002 if args.fine else 0.005
+        ok, slip = hold(state, rng, timestep_s=dt, elliptic=args.fine, palm_friction=args.palm_friction)
         held += ok
         slips.append(slip)
         shapes.append(carried.shape)
-    table = Table(title=f"{args.objects} random objects, pelvis fixed, targets ± {NOISE_RAD} rad, {SECONDS:g} s")
+    physics = "2 ms, elliptic" if args.fine else "5 ms, pyramidal"
+    palms = "2.0" if args.palm_friction is None else f"{args.palm_friction:g}"
+    table = Table(title=f"{args.objects} objects, targets ± {NOISE_RAD} rad, {SECONDS:g} s, {physics}, palms {palms}")
     for column in ("shape", "objects", "held", "median slip [mm]", "worst slip [mm]"):
         table.add_column(column, justify="right")
     slips_mm, names = 1e3 * np.array(slips), np.array(shapes)

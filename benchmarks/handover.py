@@ -20,7 +20,7 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
 from hotice.errors import HoticeError
-from hotice.learn.wilson import wilson
+from hotice.learn.trials import success_interval
 from hotice.model.object_range import ObjectRange
 from hotice.model.objects import CarriedObject
 from hotice.systems import StationConfig, make_station, read_logs
@@ -96,7 +96,7 @@ def main() -> None:
         good += not report.failure and not report.held
         if report.failure or report.held:
             causes[report.failure or "held, neither policy nor walk being fit"] += 1
-    low, high = wilson(good, len(chosen))
+    low, high = success_interval(good, len(chosen))
     console.print(
         f"{args.policy}: {good}/{len(chosen)} kept the box through the hand-over and {args.beyond:g} s beyond "
         f"(95 %: {low:.0%} to {high:.0%}); wall {time.perf_counter() - begin:.0f} s"

@@ -21,11 +21,11 @@ from hotice.control.plant import TorquePlant
 from hotice.control.walk import WalkConfig
 from hotice.errors import HoticeError
 from hotice.fields import build_hod_pf
+from hotice.learn.referees import GOAL_M
 from hotice.learn.report import PAPER_S
 from hotice.learn.scene_sets import resolve_scenes
-from hotice.learn.trials import Trials
-from hotice.learn.walk_trials import GOAL_M, Trial, run_trial
-from hotice.learn.wilson import wilson
+from hotice.learn.trials import Trials, success_interval
+from hotice.learn.walk_trials import Trial, run_trial
 from hotice.model import builder
 from hotice.model.carry import CarryState, solve_carry
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
@@ -134,7 +134,7 @@ def add_row(table: Table, name: str, trials: list[Trial], horizon_s: float) -> N
         outcome, distance, seconds = zip(*(t.at(horizon) for t in trials), strict=True)
         scored.append(Trials(outcome=outcome, distance_m=distance, time_s=seconds))
     short, full = scored
-    low, high = wilson(full.successes, full.rollouts)
+    low, high = success_interval(full.successes, full.rollouts)
     times = [t.time_s for t in trials if t.outcome == "success"]
     mean = float(np.mean(times)) if times else float("nan")
     counts = full.outcomes

@@ -56,7 +56,10 @@ GEOMETRY: dict[str, list[tuple]] = {
 # geometry that the carried object may lean against (the rest of the body ignores it, which keeps contact detection cheap)
 TRUNK = ("pelvis", "torso_link", "left_hip_yaw_link", "right_hip_yaw_link")
 
-# contact spheres: the only geometry that carries load in the simulation (floor and object)
+# geometry that the floor does not meet: of a standing foot, which stands on its soles
+OFF_FLOOR = ("ankle_roll_link_0", "ankle_roll_link_1", "ankle_pitch_link_0")
+
+# contact spheres: what carries load while the robot stands and holds (floor and object)
 SOLE = (
     "left_ankle_roll_link",
     0.005,
@@ -112,7 +115,7 @@ def geom_lines(body: str) -> list[str]:
     lines = []
     for index, (kind, size, *points) in enumerate(mirrored(GEOMETRY).get(body, ())):
         points = [flip(p, body) for p in points]
-        look = "trunk" if body in TRUNK else "body"
+        look = "trunk" if body in TRUNK else "foot" if f"{body}_{index}".split("_", 1)[1] in OFF_FLOOR else "body"
         place = f'fromto="{num(points[0] + points[1])}"' if kind == "capsule" else f'pos="{num(points[0])}"'
         lines.append(f'<geom name="{body}_{index}" class="{look}" type="{kind}" size="{num(size)}" {place}/>')
     for part, (owner, radius, points) in (("sole", SOLE), ("palm", PALM)):
@@ -194,7 +197,8 @@ def main() -> None:
     text = f"""<!-- Unitree G1, 29 joints and a free base, without meshes. Written by tools/derive_g1.py: change that file, not this one.
      Masses, inertias, joint frames and limits: Unitree's published description (BSD-3-Clause, see NOTICE).
      Geometry: primitives that cover every link; soles and palms carry load through four small spheres each.
-     Contact bits: 1 floor, 2 carried object, 4 obstacles. -->
+     Contact bits: 1 floor, 2 carried object, 4 obstacles. Friction is that of the geom of higher priority: palms 2, soles and
+     the carried object 1, everything else 0. -->
 <mujoco model="g1">
   <compiler angle="radian" autolimits="true"/>
   <option timestep="0.005" integrator="implicitfast" cone="pyramidal" impratio="30" iterations="10" ls_iterations="20"/>
@@ -202,10 +206,11 @@ def main() -> None:
     <joint limited="true"/>
     <motor ctrllimited="true"/>
     <site size="0.01" group="4"/>
-    <default class="body"><geom group="2" contype="0" conaffinity="4" condim="3" rgba="0.32 0.35 0.40 1" mass="0"/></default>
-    <default class="trunk"><geom group="2" contype="0" conaffinity="6" condim="3" rgba="0.32 0.35 0.40 1" mass="0"/></default>
-    <default class="sole"><geom type="sphere" group="3" contype="0" conaffinity="5" condim="3" friction="1 0.005 0.0001" rgba="0.1 0.1 0.1 1" mass="0"/></default>
-    <default class="palm"><geom type="sphere" priority="1" solimp="0.95 0.98 0.001" group="3" contype="0" conaffinity="6" condim="3" friction="2 0.005 0.0001" rgba="0.85 0.55 0.2 1" mass="0"/></default>
+    <default class="body"><geom group="2" contype="0" conaffinity="5" condim="3" rgba="0.32 0.35 0.40 1" mass="0"/></default>
+    <default class="trunk"><geom group="2" contype="0" conaffinity="7" condim="3" rgba="0.32 0.35 0.40 1" mass="0"/></default>
+    <default class="foot"><geom group="2" contype="0" conaffinity="4" condim="3" rgba="0.32 0.35 0.40 1" mass="0"/></default>
+    <default class="sole"><geom type="sphere" priority="1" group="3" contype="0" conaffinity="5" condim="3" friction="1 0.005 0.0001" rgba="0.1 0.1 0.1 1" mass="0"/></default>
+    <default class="palm"><geom type="sphere" priority="2" solimp="0.95 0.98 0.001" group="3" contype="0" conaffinity="6" condim="3" friction="2 0.005 0.0001" rgba="0.85 0.55 0.2 1" mass="0"/></default>
   </default>
   <worldbody>
 {chr(10).join(lines)}

@@ -141,9 +141,12 @@ def reproduce(config: Flat[ReproduceConfig]) -> int:
 def export(config: Flat[ExportConfig]) -> int:
     """Write a policy as one ONNX file."""
     from hotice.learn.policy import export_onnx, torch_policy
+    from hotice.learn.trained_on import in_words
 
     check_writable(config.out)
-    print(export_onnx(torch_policy(config.policy), config.out))
+    policy = torch_policy(config.policy)
+    print(export_onnx(policy, config.out))
+    print(f"trained on {in_words(policy.meta['trained']['on'])}")
     return 0
 
 

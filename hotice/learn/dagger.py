@@ -32,6 +32,7 @@ from hotice.learn.runner import Runner, config_to_dict
 from hotice.learn.storage import Batch, Rollout
 from hotice.learn.student_config import DistillConfig
 from hotice.learn.teachers import Teachers
+from hotice.learn.trained_on import TrainedOn
 from hotice.sim.observations import mirror_action
 
 
@@ -119,7 +120,9 @@ class DistillRunner(Runner):
         cfg, env = self.config, self.env
         teachers = Teachers.load(cfg.teachers, cfg.generalist, env, config_to_dict(cfg.task), cfg.preset)
         for folder in teachers.sources:
-            self.ancestors |= line_of(read_meta(Path(folder)))
+            meta = read_meta(Path(folder))
+            self.ancestors |= line_of(meta)
+            self.trained_on = TrainedOn.of_meta(meta, folder) | self.trained_on
         steps, n, size = cfg.ppo.steps, env.num_envs, env.policy_table.size
         self.sensed = torch.zeros(steps, n, size, device=env.device)
         self.truth = torch.zeros_like(self.sensed)

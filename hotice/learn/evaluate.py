@@ -3,53 +3,47 @@
 A trial ends at success, at a failure, or after 5 s. Success: the root comes within 0.1 m (horizontally) of the goal before
 any fall, drop or collision of robot or object. Mean distance: root to goal at the end of each trial, averaged.
 Every link of the robot and the object are tested against every obstacle geometry in the simulator, in every physics step.
+The simulation goes on beyond that end, for other referees and for where the robot is at 5 s: `hotice.learn.referees`.
 
 The unit of work is a block: up to `batch` trials of one scene, simulated on one thread, a policy's side by side, with random
-numbers of its own: the same objects and starts whoever carries. Blocks are shared out to processes; results depend neither on
-their number nor on interruptions.
+numbers of its own (`hotice.learn.seeds`): the same objects, robots and starts whoever carries. Blocks are shared out to
+processes; results depend neither on their number nor on interruptions, nor on the other scenes. They do depend on `batch`: what
+happens to the trials of a block is drawn for all of them at once.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import torch
 
 from hotice.control.walk.config import WalkConfig
 from hotice.errors import InvalidConfig, UnknownName
-from hotice.fields.bank import FieldBank
 from hotice.files import check_writable, write_text
 from hotice.learn.carriers import CONTROLLERS, Carrier, digest, load_carrier
+from hotice.learn.conditions import Conditions, start_trials
 from hotice.learn.policy import Policy, check_layout
+from hotice.learn.referees import REFEREES, check_referees
 from hotice.learn.report import make_report, print_report
+from hotice.learn.seeds import TrialSeeds, object_seed
+from hotice.learn.trial_log import TrialLog
 from hotice.learn.trials import Trials, TrialStore
 from hotice.learn.version import source_version
 from hotice.model.carry import CarryState
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Scene
-from hotice.model.shapes import MeshShape
+from hotice.model.scene_digest import scene_digest
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.config import TaskConfig
 from hotice.sim.env import TransportEnv
 from hotice.sim.memory import check_memory
 from hotice.sim.mujoco_batch import MujocoBatch
-from hotice.sim.perturbations import without as switch_off
-from hotice.sim.terminations import OUTCOMES
 from hotice.sim.threads import one_thread
 
-CPU = torch.device("cpu")
 LONGEST_S = 120.0
-FINE_DT_S = 0.002
-BLOCKS, OBJECTS = 101, 102
-"""Streams of random numbers that no training draws from."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,10 +68,11 @@ class EvaluateConfig:
     """Trials that one process takes at a time: a policy's are simulated side by side."""
     threads: int = 0
     """Processes, each on one core; 0: one for each core."""
-    fine: bool = False
-    """Simulate with 2 ms steps and elliptic friction cones instead of the training settings."""
+    protocol: Literal["robot", "paper"] = "robot"
+    """`robot`: 2 ms physics with converged elliptic cones, palms 0.6 to 1.2, soles 0.5 to 1.2, torso's centre of mass ± 10 cm;
+    `paper`: 5 ms physics with pyramids, palms 2.0, soles 0.8 to 1.2, ± 5 cm, to compare with the paper's tables."""
     perturbed: bool = True
-    """Noise, delays, pushes and uncertain dynamics as in the training of students."""
+    """Noise, delays, pushes and uncertain dynamics of the protocol."""
     without: tuple[str, ...] = ()
     """Of these, what is switched off, to see what it costs: sensor-noise, object-noise, delay, root-rate, pushes, dynamics."""
     shapes: tuple[str, ...] = ("box",)
@@ -87,9 +82,12 @@ class EvaluateConfig:
     mass_kg: tuple[float, float] = (0.5, 3.5)
     """Lightest and heaviest object."""
     objects: int = 256
-    """Different objects, shared by all scenes; no more than `rollouts`. Trials with the same object have the same robot too."""
+    """Different objects, shared by all scenes; no more than `rollouts`. Each scene has an order of its own."""
     horizon_s: float = 5.0
     """Time limit of a trial (paper: 5 s)."""
+    referees: tuple[str, ...] = REFEREES
+    """Who judges the same trials: `exact`, contacts of the full geometry, whose verdicts the rates of a report are; `points`,
+    eleven points of the body and eight of the object, beside it. `exact` alone is faster: a contact then ends a trial."""
 
     def __post_init__(self) -> None:
         self._check_carrier()
@@ -103,11 +101,24 @@ class EvaluateConfig:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
-        switch_off(TaskConfig(), self.without)
+        check_referees(self.referees)
+        _ = self.conditions
         if self.without and not self.perturbed:
             raise InvalidConfig(
                 f"without is {', '.join(self.without)}: nothing is left to switch off with --no-perturbed"
             )
+
+    @property
+    def conditions(self) -> Conditions:
+        """Physics, perturbation and time limit."""
+        return Conditions(
+            protocol=self.protocol, perturbed=self.perturbed, without=self.without, horizon_s=self.horizon_s
+        )
+
+    @property
+    def judges(self) -> tuple[str, ...]:
+        """The referees, in the order of `REFEREES`."""
+        return tuple(name for name in REFEREES if name in self.referees)
 
     def _check_carrier(self) -> None:
         if self.controller not in CONTROLLERS:
@@ -125,108 +136,35 @@ class EvaluateConfig:
             )
 
 
-def evaluation_task(
-    task: dict[str, Any],
-    *,
-    fine: bool = False,
-    perturbed: bool = False,
-    without: Sequence[str] = (),
-    horizon_s: float = 5.0,
-) -> TaskConfig:
-    """The task a policy was trained on, with the paper's trial: 5 s, from the scene's start, over at the goal.
-
-    `without`: sources of perturbation that are switched off. Raises `UnknownName`.
-    """
-    known = TaskConfig()
-    kept = (
-        "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s", "stop_gain_hz", "gait_hz", "swing_height_m",
-        "resolution_m", "margin_m", "scan", "history", "physics_dt_s", "substeps",
-    )  # fmt: skip
-    values = {k: task[k] for k in kept if k in task}
-    if fine:
-        values |= _finer(replace(known, **{k: values[k] for k in ("physics_dt_s", "substeps") if k in values}))
-    known = switch_off(known.perturbed() if perturbed else known, without)
-    return replace(
-        known, **values, episode_s=horizon_s, goal_radius_m=0.1, anywhere=0.0, end_at_goal=True, collisions=True,
-        start_noise_m=0.03, start_yaw_noise_rad=0.1,
-    )  # fmt: skip
-
-
-def _finer(task: TaskConfig) -> dict[str, Any]:
-    """Physics steps of `FINE_DT_S` or a little less in the same control period."""
-    substeps = math.ceil(task.control_dt_s / FINE_DT_S - 1e-9)
-    return {"physics_dt_s": task.control_dt_s / substeps, "substeps": substeps}
-
-
-def start_trials(
-    scene: Scene, states: Sequence[CarryState], rollouts: int, seed: int, config: TaskConfig, *, first: int = 0,
-    fine: bool = False, preset: str = "dual_hodpf",
-) -> TransportEnv:  # fmt: skip
-    """Trials `first` .. `first + rollouts` of a scene, to be started by `reset`; every carry state is used in turn.
-
-    Objects and starts depend on the seed alone, not on who carries.
-    """
-    bank = _fields(scene, config.resolution_m, config.margin_m)
-    carry = CarryBank.of(
-        states, config.physics_dt_s, CPU, scene=scene, elliptic=fine, dynamics=config.dynamics, seed=seed
-    )
-    env = TransportEnv(rollouts, bank, carry, preset, seed=seed, config=config, threads=1)
-    env.memory.model[:] = (torch.arange(rollouts) + first) % len(states)
-    return env
-
-
 def score_block(
-    policy: Policy, scene: Scene, states: Sequence[CarryState], rollouts: int, seed: int, *, first: int = 0,
-    fine: bool = False, perturbed: bool = True, without: Sequence[str] = (), horizon_s: float = 5.0,
-    on_trials: Callable[[int], None] | None = None,
+    policy: Policy, scene: Scene, states: Sequence[CarryState], seed: int, conditions: Conditions, *, first: int = 0,
+    judges: Sequence[str] = REFEREES, on_trials: Callable[[int], None] | None = None,
 ) -> Trials:  # fmt: skip
-    """Runs a policy in trials `first` .. `first + rollouts` of a scene side by side, see `start_trials`.
+    """Runs a policy in trials `first` .. `first + len(states)` of a scene side by side, see `start_trials`.
 
-    `on_trials(n)` is called when n more trials have ended. Raises `CheckpointError` for a policy of another observation.
+    `judges`: referees. `on_trials(n)` is called when n more trials are over. Raises `CheckpointError` for a policy of another
+    observation.
     """
     meta = policy.meta
-    config = evaluation_task(meta["task"], fine=fine, perturbed=perturbed, without=without, horizon_s=horizon_s)
-    env = start_trials(scene, states, rollouts, seed, config, first=first, fine=fine, preset=meta["preset"])
+    env = start_trials(scene, states, seed, conditions, first=first, trained=meta["task"], preset=meta["preset"])
     check_layout(policy, env.policy_table.layout())
+    log = TrialLog(env.bank, len(states), conditions.limit(env.config), env.config.control_dt_s, judges)
     obs, _ = env.reset()
-    outcome, steps = (torch.zeros(rollouts, dtype=torch.int64) for _ in range(2))
-    distance_m = torch.zeros(rollouts)
-    while (outcome == 0).any():
+    while log.running.any():
         step = env.step(policy.act(obs))
         obs = step.policy
-        ended = (outcome == 0) & (step.outcome > 0)
-        outcome[ended], steps[ended], distance_m[ended] = (
-            step.outcome[ended], step.length[ended], step.goal_distance[ended]
-        )  # fmt: skip
-        if ended.any():
-            let_rest(env, outcome == 0)
+        ended = log.see_step(step)
+        if ended:
+            let_rest(env, torch.from_numpy(log.running))
         if on_trials:
-            on_trials(int(ended.sum()))
-    return Trials(
-        outcome=tuple(OUTCOMES[i] for i in outcome.tolist()), distance_m=tuple(distance_m.tolist()),
-        time_s=tuple(round(n * config.control_dt_s, 6) for n in steps.tolist()),
-    )  # fmt: skip
+            on_trials(ended)
+    return log.trials()
 
 
 def let_rest(env: TransportEnv, running: torch.Tensor) -> None:
-    """Trials that are over stand still from now on: half of an evaluation's physics would be theirs. `running` (N,) bool."""
+    """Trials that are over stand still from now on, which saves their physics. `running` (N,) bool."""
     if isinstance(env.physics, MujocoBatch):
         env.physics.only = torch.nonzero(running).squeeze(1)
-
-
-@lru_cache(maxsize=1)
-def _fields(scene: Scene, resolution_m: float, margin_m: float) -> FieldBank:
-    """Fields of one scene, kept for its next block."""
-    return FieldBank.build([scene], resolution_m, margin_m, workers=1)
-
-
-def block_seed(seed: int, block: int) -> int:
-    """Seed of a block's random numbers, other than those of a training with the same `seed`."""
-    return _derived(seed, BLOCKS, block)
-
-
-def _derived(*numbers: int) -> int:
-    return int(np.random.SeedSequence(numbers).generate_state(1, np.uint32)[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,9 +183,8 @@ class Scorer:
         scenes = resolve_scenes(config.scenes)
         check_memory(min(config.batch, config.rollouts), config.rollouts * len(scenes))
         ranges = ObjectRange(shapes=config.shapes, size_m=config.size_m, mass_kg=config.mass_kg)
-        states = CarryBank.sample(
-            ranges, min(config.objects, config.rollouts), _derived(config.seed, OBJECTS), 0.005, CPU
-        ).states
+        count = min(config.objects, config.rollouts)
+        states = CarryBank.sample(ranges, count, object_seed(config.seed), 0.005, torch.device("cpu")).states
         return cls(config=config, scenes=tuple(scenes), states=states)
 
     def blocks(self) -> list[tuple[int, int]]:
@@ -262,38 +199,25 @@ class Scorer:
     def score(self, carrier: Carrier, scene: int, block: int, on_trials: Callable[[int], None] | None = None) -> Trials:
         """Runs a block on one thread."""
         cfg, first = self.config, block * self.config.batch
-        which = (self.scenes[scene], self.states, self.size(block), block_seed(cfg.seed, block))
+        place = self.scenes[scene]
+        which = TrialSeeds.of(cfg.seed, place).objects(cfg.rollouts, len(self.states))[first:][: self.size(block)]
+        asked = (place, [self.states[k] for k in which], cfg.seed, cfg.conditions)
         with one_thread():
             if isinstance(carrier, WalkConfig):
                 from hotice.learn.walk_trials import score_walks
 
-                task = evaluation_task({}, fine=cfg.fine, horizon_s=cfg.horizon_s)
-                env = start_trials(*which, task, first=first, fine=cfg.fine)
-                env.reset()
-                return score_walks(carrier, env, first=first, on_trials=on_trials)
-            return score_block(
-                carrier, *which, first=first, fine=cfg.fine, perturbed=cfg.perturbed, without=cfg.without,
-                horizon_s=cfg.horizon_s, on_trials=on_trials,
-            )  # fmt: skip
+                return score_walks(carrier, *asked, first=first, judges=cfg.judges, on_trials=on_trials)
+            return score_block(carrier, *asked, first=first, judges=cfg.judges, on_trials=on_trials)
 
     def settings(self, carrier: Carrier) -> dict[str, Any]:
         """What the trials depend on, JSON-ready: only trials of equal settings may be joined."""
         ignored = ("out", "threads", "policy", "scenes")
         config = {k: v for k, v in asdict(self.config).items() if k not in ignored}
         settings = {
-            **config, "carrier": digest(carrier), "source": source_version(),
+            **config, "referees": self.config.judges, "carrier": digest(carrier), "source": source_version(),
             "scenes": [scene_digest(scene) for scene in self.scenes],
         }  # fmt: skip
         return json.loads(json.dumps(settings))
-
-
-def scene_digest(scene: Scene) -> str:
-    """SHA-256 of a scene and of the mesh files it names."""
-    digest = hashlib.sha256(json.dumps(scene.to_dict(), sort_keys=True).encode())
-    for obstacle in scene.obstacles:
-        if isinstance(obstacle.shape, MeshShape):
-            digest.update(obstacle.shape.path.read_bytes())
-    return digest.hexdigest()
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:

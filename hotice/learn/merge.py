@@ -18,7 +18,8 @@ from hotice.learn.average import COUNT, PREFIX, averaged
 from hotice.learn.checkpoint import list_checkpoints, load_checkpoint, read_meta, resolve, save_checkpoint
 from hotice.learn.health import check_weights
 from hotice.learn.lineage import ANCESTORS, MERGED, line_of
-from hotice.learn.teachers import CONTRACT
+from hotice.learn.teachers import contract
+from hotice.learn.trained_on import TRAINED_ON, TrainedOn
 
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 
@@ -53,9 +54,11 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
             merged[kept] = merged[name].clone()
     own = {k: v for k, v in meta.items() if k not in ("format", "sha256", "update")}
     behind: dict[str, int] = {}
-    for each in (meta, *(m for _, m in others)):
+    trained_on = TrainedOn()
+    for folder, each in zip(folders, (meta, *(m for _, m in others)), strict=True):
         behind |= line_of(each)
-    own[ANCESTORS] = behind
+        trained_on |= TrainedOn.of_meta(each, str(folder))
+    own[ANCESTORS], own[TRAINED_ON] = behind, trained_on.to_json()
     own[MERGED] = [{"steps": m["steps"], "sha256": m["sha256"]} for m in (meta, *(m for _, m in others))]
     return save_checkpoint(out, int(meta["update"]), merged, own)
 
@@ -87,8 +90,8 @@ def _check_alike(
         name: (meta["config"].get(name), their_meta["config"].get(name)) for name in SAME_CONFIG
     }
     pairs["observation"] = meta["layout"], their_meta["layout"]
-    for name in CONTRACT:
-        pairs[name] = meta["config"].get("task", {}).get(name), their_meta["config"].get("task", {}).get(name)
+    mine, yours = (contract(m["config"].get("task", {})) for m in (meta, their_meta))
+    pairs |= {name: (value, yours[name]) for name, value in mine.items()}
     for name, (a, b) in pairs.items():
         if a != b:
             raise CheckpointError(

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hotice.learn.trained_on import in_words
+
 MISSING = "no policy"
 
 
@@ -106,6 +108,7 @@ def origins_markdown(made: Mapping[str, Made]) -> str:
             f"{trained.get('steps', '?')} steps{_behind(trained)} "
             f"({trained.get('updates', '?')} updates, {trained.get('minutes', '?')} minutes, "
             f"seed {trained.get('seed', '?')}) at commit `{source.get('commit', 'unknown')}`",
+            *([f"  - trained on: {in_words(trained['on'])}"] if "on" in trained else []),
             f"  - trained by: {f'`{entry.trained_by}`' if entry.trained_by else 'given, its command is not recorded'}",
             f"  - evaluated by: `{entry.evaluated_by}`, at commit `{entry.report['source'].get('commit', 'unknown')}`",
         ]

@@ -18,6 +18,7 @@ from hotice.learn.checkpoint import load_checkpoint
 from hotice.learn.health import check_weights
 from hotice.learn.lineage import total_steps
 from hotice.learn.networks import ActorCritic
+from hotice.learn.trained_on import TRAINED_ON, TrainedOn
 from hotice.policies import policy_file
 from hotice.policies.policy_file import (
     ACTION,
@@ -117,12 +118,15 @@ def torch_policy(path: Path) -> TorchPolicy:
 def policy_meta(meta: dict[str, Any]) -> dict[str, Any]:
     """What a policy file says of itself, from a checkpoint's meta."""
     config = meta["config"]
+    known = TrainedOn.of_meta(meta, str(meta.get("sha256", "")))
     return {
         "format": FORMAT, "preset": config["preset"], "layout": [list(row) for row in meta["layout"]],
         "task": config["task"], "trained": {
             "steps": meta["steps"], "total_steps": total_steps(meta), "updates": meta["update"],
             "minutes": round(meta["minutes"], 1), "seed": config["seed"], "scenes": config["scenes"], "source": meta["source"],
+            "on": known.summary(),
         },
+        **({TRAINED_ON: meta[TRAINED_ON]} if TRAINED_ON in meta else {}),
     }  # fmt: skip
 
 

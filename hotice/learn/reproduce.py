@@ -24,6 +24,8 @@ from hotice.learn.evaluate import EvaluateConfig, evaluate
 from hotice.learn.paper_tables import TABLES, Made, origins_markdown, table_markdown, tables_json
 from hotice.learn.policy import load_policy
 from hotice.learn.scene_sets import resolve_scenes
+from hotice.learn.trained_on import TrainedOn
+from hotice.learn.training_scenes import whole_record
 from hotice.learn.version import source_version
 from hotice.sim.config import PRESETS
 
@@ -89,7 +91,10 @@ class ReproduceConfig:
     bench: tuple[str, ...] = ("bench20",)
     """Scenes of the tables, in training and evaluation."""
     training: tuple[str, ...] = ("train75",)
-    """Training scenes of the generalist, to which unseen ones are compared."""
+    """Training scenes of the generalist, where it is trained here."""
+    trained_on: tuple[str, ...] = ()
+    """All scenes that a given generalist and its ancestors were trained on, to which unseen ones are compared: only for a policy
+    that carries no whole record of them."""
     unseen: tuple[str, ...] = ("unseen50",)
     """Unseen scenes."""
 
@@ -130,12 +135,16 @@ def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> d
     """
     from rich.console import Console
 
+    from hotice.learn.unseen_views import unseen_markdown
+
     console = Console(stderr=True)
     make_folder(config.out)
     wanted = list(dict.fromkeys(row.policy for name in config.tables() for row in TABLES[name].rows))
-    given, made = config.given(), {}
+    given, made, paths = config.given(), {}, {}
     _check_presets(given)
     _check_scenes(config, wanted)
+    if "unseen" in config.tables() and "generalist" in given:
+        _record(config, given["generalist"])
     for name in wanted:
         command = None
         if name in given:
@@ -146,14 +155,14 @@ def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> d
         else:
             continue
         console.rule(f"evaluating {name}")
-        made[name] = _evaluate(config, name, path, command)
+        made[name], paths[name] = _evaluate(config, name, path, command), path
     result = {
         "format": FORMAT, "source": source_version(), "budget": config.budget, **tables_json(config.tables(), made)
     }  # fmt: skip
     parts = [table_markdown(TABLES[name], made) for name in config.tables()]
     if "unseen" in config.tables() and "generalist" in made:
-        result["unseen"] |= _unseen(config, made["generalist"])
-        parts.append(_fits_markdown(result["unseen"]["fits"]))
+        result["unseen"] |= _unseen(config, paths["generalist"], made["generalist"])
+        parts.append(unseen_markdown(result["unseen"]))
     text = "\n\n".join([*parts, origins_markdown(made)]) + "\n"
     write_text(config.out / "tables.json", json.dumps(result, indent=1) + "\n")
     write_text(config.out / "tables.md", text)
@@ -228,20 +237,17 @@ def _check_scenes(config: ReproduceConfig, names: Sequence[str]) -> None:
         resolve_scenes(config.scenes(kind))
 
 
-def _unseen(config: ReproduceConfig, made: Made) -> dict[str, Any]:
-    """Similarities, points and fits; draws the figure."""
-    from hotice.learn.unseen import draw_unseen, similarities, unseen_points
+def _record(config: ReproduceConfig, path: str) -> TrainedOn:
+    """What the generalist was trained on. Raises `CheckpointError` or `InvalidConfig`, see `whole_record`."""
+    return whole_record(load_policy(path, threads=1).meta, path, config.trained_on)
 
-    nearest = similarities(resolve_scenes(config.unseen), resolve_scenes(config.training))
+
+def _unseen(config: ReproduceConfig, path: str, made: Made) -> dict[str, Any]:
+    """Similarities, points, groups and fits; draws the figure."""
+    from hotice.learn.unseen import compared, unseen_points
+    from hotice.learn.unseen_views import draw_unseen
+
+    nearest = compared(resolve_scenes(config.unseen), _record(config, path))
     result = unseen_points(nearest, made.report)
     draw_unseen(result, config.out / "unseen.png")
     return result
-
-
-def _fits_markdown(fits: dict[str, dict[str, float]]) -> str:
-    lines = ["Least squares against similarity to the training set (`unseen.png`):", ""]
-    lines += [
-        f"- {name}: {fit['slope']:+.3f} × similarity {fit['intercept']:+.3f}, RMSE {fit['rmse']:.3f}"
-        for name, fit in fits.items()
-    ]
-    return "\n".join(lines)

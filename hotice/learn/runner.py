@@ -31,9 +31,10 @@ from hotice.learn.learner import Learner
 from hotice.learn.lineage import ANCESTORS, MERGED, line_of
 from hotice.learn.networks import ActorCritic
 from hotice.learn.progress import Progress
-from hotice.learn.scene_sets import resolve_scenes
+from hotice.learn.scene_sets import resolve_item
 from hotice.learn.statistics import EpisodeStatistics
 from hotice.learn.storage import Rollout
+from hotice.learn.trained_on import GIVEN, TRAINED_ON, TrainedOn
 from hotice.learn.version import source_version
 from hotice.learn.widen import columns_within, widen
 from hotice.policies.policy_file import check_layout
@@ -53,11 +54,17 @@ class Runner:
         task = config.task.perturbed() if config.perturbed else config.task
         device = distributed.start(config.torch_device())
         seed = config.seed + distributed.SEED_STRIDE * distributed.rank()
-        self.env = env or TransportEnv(
-            config.num_envs, resolve_scenes(config.scenes), preset=config.preset, device=device, physics=config.physics,
-            seed=seed, config=task, threads=config.threads,
-        )  # fmt: skip
-        env = self.env
+        if env is None:
+            resolved = {item: resolve_item(item) for item in dict.fromkeys(config.scenes)}
+            scenes = [scene for item in config.scenes for scene in resolved[item]]
+            env = TransportEnv(
+                config.num_envs, scenes, preset=config.preset, device=device, physics=config.physics, seed=seed,
+                config=task, threads=config.threads,
+            )  # fmt: skip
+        else:
+            resolved = {GIVEN: env.bank.scenes}
+        self.env = env
+        self.trained_on = TrainedOn.of_resolved(resolved)
         self.net = ActorCritic(
             env.agents,
             env.policy_table.size,
@@ -217,7 +224,8 @@ class Runner:
             **self.algo.meta(), "steps": self.steps, "minutes": self.minutes,
             "config": config_to_dict(self.config), "layout": self.env.policy_table.layout(),
             "critic_layout": self.env.critic_table.layout(), "scenes": self.env.bank.names, "source": source_version(),
-            ANCESTORS: self.ancestors, "num_envs": self.env.num_envs, "ranks": distributed.size(),
+            ANCESTORS: self.ancestors, TRAINED_ON: self.trained_on.to_json(),
+            "num_envs": self.env.num_envs, "ranks": distributed.size(),
         }  # fmt: skip
         self._saved_at = time.monotonic()
         if distributed.rank() == 0:
@@ -243,6 +251,7 @@ class Runner:
         self.algo.load_state(tensors, meta)
         self.update, self.steps, self.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
         self.ancestors = dict(meta.get(ANCESTORS, {}))
+        self.trained_on = TrainedOn.of_meta(meta, str(path)) | self.trained_on
         if MERGED in meta:  # its first part, whose counters go on
             self.ancestors.pop(meta[MERGED][0]["sha256"], None)
         self.stages.load_state(tensors)
@@ -295,6 +304,7 @@ class Runner:
         with _same_version(path):
             check_weights(path, tensors)
             self.ancestors |= line_of(meta)
+            self.trained_on = TrainedOn.of_meta(meta, str(path)) | self.trained_on
             tensors, meta = self._widened(averaged(tensors), meta)
             self._load_net(path, tensors, meta)
             if kind_of(meta) == self.algo.kind:

@@ -11,12 +11,13 @@ FAMILY_PREFIX = "family:"
 
 def resolve_scenes(items: Sequence[str]) -> list[Scene]:
     """Scenes of names, files, folders, or `family:NAME:COUNT[:SEED]`. Raises `InvalidScene` or `UnknownName`."""
-    scenes: list[Scene] = []
-    for item in items:
-        if str(item).startswith(FAMILY_PREFIX):
-            from hotice.model.generate.families import family_from_text
+    return [scene for item in items for scene in resolve_item(item)]
 
-            scenes += family_from_text(str(item).removeprefix(FAMILY_PREFIX))
-        else:
-            scenes += load_scenes([item])
-    return scenes
+
+def resolve_item(item: str) -> list[Scene]:
+    """Scenes of one name, file, folder or family. Raises as `resolve_scenes`."""
+    if not str(item).startswith(FAMILY_PREFIX):
+        return load_scenes([item])
+    from hotice.model.generate.families import family_from_text
+
+    return family_from_text(str(item).removeprefix(FAMILY_PREFIX))

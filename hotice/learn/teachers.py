@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,19 @@ from hotice.learn.widen import columns_within
 from hotice.sim.env import TransportEnv
 
 CONTRACT = (
-    "physics_dt_s", "substeps", "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s", "stop_gain_hz", "gait_hz",
-    "resolution_m", "margin_m",
+    "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s", "stop_gain_hz", "gait_hz", "resolution_m", "margin_m",
 )  # fmt: skip
 """Numbers of the task that give observations and actions their meaning: teacher and student must share them."""
+
+
+def contract(task: Mapping[str, Any]) -> dict[str, Any]:
+    """What policies must share, of a `TaskConfig` as JSON-ready values: `CONTRACT` and the control period.
+
+    The physics step in between is free: most of a run may be simulated in coarse steps and its end in fine ones.
+    """
+    steps = (task.get("physics_dt_s"), task.get("substeps"))
+    period = None if None in steps else round(steps[0] * steps[1], 9)  # type: ignore[operator]
+    return {"control period": period, **{name: task.get(name) for name in CONTRACT}}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +118,7 @@ def check_contract(policy: TorchPolicy, task: dict[str, Any], preset: str) -> No
     """Raises `CheckpointError` unless a teacher acts for the student's preset, with the same action and observation units."""
     if policy.meta["preset"] != preset:
         raise CheckpointError(f"{policy.name}: teaches {policy.meta['preset']!r}, the student is {preset!r}")
-    for name in CONTRACT:
-        theirs = policy.meta["task"].get(name)
-        if theirs != task[name]:
-            raise CheckpointError(f"{policy.name}: was trained with {name} {theirs!r}, the student has {task[name]!r}")
+    theirs = contract(policy.meta["task"])
+    for name, value in contract(task).items():
+        if theirs[name] != value:
+            raise CheckpointError(f"{policy.name}: was trained with {name} {theirs[name]!r}, the student has {value!r}")

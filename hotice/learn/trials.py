@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from hotice.errors import InputError
 from hotice.files import make_folder, read_bytes, write_text
-from hotice.learn.wilson import wilson
 
 CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan")
 PLURAL = {
@@ -19,25 +18,48 @@ PLURAL = {
     "timeout": "timeouts", "unstable": "unstable", "no_plan": "no_plans",
 }  # fmt: skip
 MAX_FILE_BYTES = 256 * 2**20
+DEEP_M = 0.005
+"""Contacts within the robot that are deeper are counted apart: so far two links may yield to each other in the simulation."""
+
+
+OPTIONAL = ("distance_at_limit_m", "standing", "stayed", "points", "self_depth_m")
+"""Fields of `Trials` that may be empty: earlier versions lacked them, and `points` where the exact referee was alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trials:
-    """Trials of one scene: outcome (of `OUTCOMES`, or `no_plan`), root to goal at the end [m], and duration [s] of each."""
+    """Trials of one scene: outcome (of `OUTCOMES`, or `no_plan`), root to goal at the end [m], and duration [s] of each.
+
+    distance_at_limit_m: root to goal at the time limit, of failures at their end. standing, stayed: whether the robot has arrived
+    and goes on standing there, see `hotice.learn.referees.afterwards`. points: outcome by the points rule. self_depth_m: how deep
+    parts of the robot were in each other at most.
+    """
 
     outcome: tuple[str, ...] = ()
     distance_m: tuple[float, ...] = ()
     time_s: tuple[float, ...] = ()
+    distance_at_limit_m: tuple[float, ...] = ()
+    standing: tuple[bool, ...] = ()
+    stayed: tuple[bool, ...] = ()
+    points: tuple[str, ...] = ()
+    self_depth_m: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, values in vars(self).items():
+            if len(values) != len(self.outcome) and (values or name not in OPTIONAL):
+                raise ValueError(f"{len(self.outcome)} outcomes, {len(values)} values of {name}")
 
     @classmethod
     def joined(cls, parts: Iterable[Trials]) -> Trials:
-        """All trials of all parts, in order."""
-        parts = list(parts)
-        return cls(
-            outcome=tuple(o for p in parts for o in p.outcome),
-            distance_m=tuple(d for p in parts for d in p.distance_m),
-            time_s=tuple(t for p in parts for t in p.time_s),
-        )
+        """All trials of all parts, in order; what a part lacks, all lack."""
+        parts = [p for p in parts if p.rollouts]
+        known = [f.name for f in fields(cls) if all(getattr(p, f.name) for p in parts)]
+        return cls(**{name: tuple(v for p in parts for v in getattr(p, name)) for name in known})
+
+    def rounded(self, digits: int) -> Trials:
+        """The same with distances of so many digits."""
+        names = ("distance_m", "distance_at_limit_m", "self_depth_m")
+        return replace(self, **{name: tuple(round(d, digits) for d in getattr(self, name)) for name in names})
 
     @property
     def rollouts(self) -> int:
@@ -55,13 +77,34 @@ class Trials:
         return dict(Counter(self.outcome))
 
     def rates(self) -> dict[str, Any]:
-        """Success rate with its 95 % Wilson interval, and mean distance [m]."""
-        low, high = wilson(self.successes, self.rollouts)
+        """Success rate with its 95 % Wilson interval and mean distance [m]; the same at the time limit; the points rule's view.
+
+        Of the arrivals, the shares that stand at the limit and that have stayed for a second. None: nobody looked, or arrived.
+        """
+        limit, arrived = self.distance_at_limit_m, self.successes
         return {
-            "success_rate": self.successes / max(1, self.rollouts),
-            "success_interval_95": [round(low, 4), round(high, 4)],
-            "mean_distance_m": sum(self.distance_m) / max(1, self.rollouts),
+            **_rate(self.successes, self.rollouts), "mean_distance_m": sum(self.distance_m) / max(1, self.rollouts),
+            "mean_distance_at_limit_m": sum(limit) / len(limit) if limit else None,
+            "standing_share": sum(self.standing) / arrived if self.standing and arrived else None,
+            "stayed_share": sum(self.stayed) / arrived if self.stayed and arrived else None,
+            "points": self._by_points(), "self_contact": self._within(),
+        }  # fmt: skip
+
+    def _within(self) -> dict[str, float] | None:
+        """Share of trials with contact within the robot, with one deeper than `DEEP_M`, and the deepest of all [m]."""
+        depth = self.self_depth_m
+        if not depth:
+            return None
+        share = {
+            name: sum(d > least for d in depth) / len(depth) for name, least in (("share", 0.0), ("deep_share", DEEP_M))
         }
+        return share | {"deepest_m": max(depth)}
+
+    def _by_points(self) -> dict[str, Any] | None:
+        if not self.points:
+            return None
+        counts = {PLURAL[c]: self.points.count(c) for c in CAUSES}
+        return _rate(self.points.count("success"), len(self.points)) | counts
 
     def summary(self) -> dict[str, Any]:
         """Rates, mean duration of successes [s] and failures by cause."""
@@ -70,6 +113,49 @@ class Trials:
             "rollouts": self.rollouts, **self.rates(), "mean_success_time_s": sum(times) / len(times) if times else None,
             **{PLURAL[c]: self.outcome.count(c) for c in CAUSES},
         }  # fmt: skip
+
+
+def _rate(successes: int, trials: int) -> dict[str, Any]:
+    low, high = success_interval(successes, trials)
+    return {"success_rate": successes / max(1, trials), "success_interval_95": [round(low, 4), round(high, 4)]}
+
+
+def success_interval(successes: int, trials: int) -> tuple[float, float]:
+    """95 % Wilson score interval of a rate (Wilson 1927); (0, 1) without trials."""
+    from scipy.stats import binomtest
+
+    if trials == 0:
+        return 0.0, 1.0
+    found = binomtest(successes, trials).proportion_ci(0.95, "wilson")
+    return float(found.low), float(found.high)
+
+
+def read_trials(folder: Path) -> dict[str, Trials]:
+    """Trials that an evaluation kept in `folder`, OUT.trials, by scene. Raises `InputError`."""
+    files = sorted(folder.glob("scene-*.json"))
+    if not files:
+        raise InputError(
+            f"{folder}: no file scene-*.json: the folder OUT.trials of `hotice evaluate --out OUT` is needed"
+        )
+    found = {}
+    for file in files:
+        name, blocks = _read_blocks(file)
+        found[name] = Trials.joined(blocks[b] for b in sorted(blocks))
+    return found
+
+
+def _read_blocks(file: Path) -> tuple[str, dict[int, Trials]]:
+    """Name of the scene and its trials by block. Raises `InputError`."""
+    try:
+        content = json.loads(read_bytes(file, MAX_FILE_BYTES))
+        blocks = {int(b): Trials(**{k: tuple(v) for k, v in values.items()}) for b, values in content["blocks"].items()}
+        if not all(trials.rollouts for trials in blocks.values()):
+            raise ValueError("a block without trials")
+        return str(content.get("name", file.stem)), blocks
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(
+            f"{file}: is no file of trials (changed or damaged): remove it to run its trials anew"
+        ) from None
 
 
 class TrialStore:
@@ -121,13 +207,5 @@ class TrialStore:
         file = self._file(scene)
         if not file.exists():  # none of this scene yet
             return
-        try:
-            for block, values in json.loads(read_bytes(file, MAX_FILE_BYTES))["blocks"].items():
-                trials = Trials(**{name: tuple(v) for name, v in values.items()})
-                if not len(trials.outcome) == len(trials.distance_m) == len(trials.time_s) > 0:
-                    raise ValueError(f"block {block}: outcomes, distances and times differ in number")
-                self.blocks[scene, int(block)] = trials
-        except (ValueError, KeyError, TypeError, AttributeError):
-            raise InputError(
-                f"{file}: is no file of trials (changed or damaged): remove it to run its trials anew"
-            ) from None
+        _, blocks = _read_blocks(file)
+        self.blocks |= {(scene, block): trials for block, trials in blocks.items()}

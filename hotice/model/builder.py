@@ -1,8 +1,9 @@
 """One builder for every simulator: the robot, what it carries and what stands in its way.
 
 `build_model` compiles for MuJoCo, `pinocchio_model` and `add_to_plant` give the same robot to Pinocchio and Drake.
-Contact bits: 1 floor, 2 carried object, 4 obstacles. The floor meets soles and object, the object meets palms, trunk and
-thighs, obstacles meet every link and the object.
+Contact bits: 1 floor, 2 carried object, 4 obstacles. The floor meets soles, every other link and the object, the object meets
+palms, trunk and thighs, obstacles meet every link and the object; links meet each other by the pairs of `self_contact`.
+Friction is not combined: the geom of higher priority has it, palms 2, soles and object 1, everything else 0.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from hotice.model import g1
 from hotice.model.frames import quat_from_axis_angle
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
+from hotice.model.self_contact import add_self_contact
 
 if TYPE_CHECKING:
     import pinocchio
@@ -30,6 +32,9 @@ FLOOR, OBJECT, OBSTACLE = 1, 2, 4
 OBJECT_BODY = "object"
 OBSTACLE_BODY = "obstacles"
 HIT_SENSORS = ("robot_hits", "object_hits")
+SELF_SENSOR = "self_contact"
+ANY_CONTACT, DEEPEST_CONTACT = 0, 1
+"""Which of several contacts a sensor reads: MuJoCo's `reduce` "none" and "mindist"."""
 OBSTACLE_PREFIX = "obstacle/"
 MESH_SKIN_M = 0.001
 POINT_M = 1e-5
@@ -59,6 +64,7 @@ def robot_spec(joints: Literal[20, 29] = 20, wrist_pos: ArrayLike | None = None)
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
         actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.forcerange = limit
+    add_self_contact(spec)
     return spec
 
 
@@ -83,7 +89,8 @@ def build_model(
     """Compiles robot, floor, carried object and obstacles for MuJoCo.
 
     With object and scene, contact sensors `robot_hits` and `object_hits` count the contacts of robot and object with
-    obstacles: exact collision scoring reads them.
+    obstacles, which exact collision scoring reads; `self_contact` is the signed distance of the deepest contact within the
+    robot, 0 where there is none.
 
     Args:
         carried: adds body `object` with a free joint, after the robot in qpos and qvel.
@@ -98,6 +105,9 @@ def build_model(
     """
     spec = robot_spec(joints, wrist_pos)
     spec.option.timestep = timestep_s
+    spec.option.disableflags |= (
+        mujoco.mjtDisableBit.mjDSBL_ISLAND
+    )  # robot and object are one: looking for more costs 5 %
     if elliptic:
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.iterations, spec.option.ls_iterations = 100, 50
@@ -110,10 +120,10 @@ def build_model(
         )  # fmt: skip
     if carried is not None:
         add_object(spec, carried, object_shapes)
-    if scene is not None and scene.obstacles:
+    if scene is not None:
         add_obstacles(spec, scene)
         if carried is not None:
-            add_hit_sensors(spec)
+            add_contact_sensors(spec)
     return spec.compile()
 
 
@@ -133,7 +143,7 @@ def add_object(spec: mujoco.MjSpec, carried: CarriedObject, shapes: Sequence[str
             name=f"{OBJECT_BODY}_{kind}" if shapes else OBJECT_BODY,
             type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"),
             size=[*size, 0, 0][:3] if kind == own else [POINT_M] * 3,
-            contype=OBJECT, conaffinity=FLOOR | OBSTACLE, condim=3, friction=[0.8, 0.005, 0.0001], group=2,
+            contype=OBJECT, conaffinity=FLOOR | OBSTACLE, condim=3, friction=[0.8, 0.005, 0.0001], priority=1, group=2,
             rgba=[0.80, 0.60, 0.35, 1], mass=0,
         )  # fmt: skip
     body.explicitinertial = True
@@ -174,16 +184,24 @@ def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
             body.add_geom(name=f"{name}#{index}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}#{index}", **common)
 
 
-def add_hit_sensors(spec: mujoco.MjSpec) -> None:
-    """Adds sensors that count contacts with obstacles: `robot_hits` of any link, `object_hits` of the object."""
-    for name, kind, who in zip(
-        HIT_SENSORS, (mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_BODY), (g1.ROOT_BODY, OBJECT_BODY), strict=True
+def add_contact_sensors(spec: mujoco.MjSpec) -> None:
+    """Adds the sensors of contacts with obstacles, `robot_hits` of any link and `object_hits`, and within the robot."""
+    tree, body = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_BODY
+    found, distance = mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_DIST
+    for name, kind, who, other_kind, other, field, reduce in (
+        (HIT_SENSORS[0], tree, g1.ROOT_BODY, body, OBSTACLE_BODY, found, ANY_CONTACT),
+        (HIT_SENSORS[1], body, OBJECT_BODY, body, OBSTACLE_BODY, found, ANY_CONTACT),
+        (SELF_SENSOR, tree, g1.ROOT_BODY, tree, g1.ROOT_BODY, distance, DEEPEST_CONTACT),
     ):
         sensor = spec.add_sensor(
-            name=name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=kind, objname=who,
-            reftype=mujoco.mjtObj.mjOBJ_BODY, refname=OBSTACLE_BODY,
-        )  # fmt: skip
-        sensor.intprm[:3] = [1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND), 0, 1]
+            name=name,
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=kind,
+            objname=who,
+            reftype=other_kind,
+            refname=other,
+        )
+        sensor.intprm[:3] = [1 << int(field), reduce, 1]
 
 
 def face_prisms(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

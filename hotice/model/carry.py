@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import CarryInfeasible, InvalidConfig
-from hotice.model import builder, g1
+from hotice.model import builder, g1, self_contact
 from hotice.model.frames import quat_from_axis_angle
 from hotice.model.least_squares import minimize
 from hotice.model.objects import Box, CarriedObject, Cylinder
@@ -26,7 +26,12 @@ MAX_GAP_M = 0.0015
 PRELOAD_M = 0.0003
 TORSO_GAP_M = 0.015
 TORSO_FRONT_M = 0.079
-PALM_FRICTION = 2.0
+PALM_FRICTION = 0.6
+"""The slipperiest palms that a grasp must hold with (protocol `robot`)."""
+GRIP_MARGIN = 1.3
+"""How much more than its weight the palms' friction must be able to carry."""
+AHEAD_M = (0.0, 0.02, 0.04, 0.06, 0.08, 0.11, 0.14)
+MAX_INSIDE_M = 0.0005
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,9 +168,11 @@ def _set_arms(kin: _Kinematics, angles: NDArray) -> None:
 
 
 def _solve_arms(
-    kin: _Kinematics, carried: CarriedObject, guess: NDArray | None, grasp_height_m: float
+    kin: _Kinematics, carried: CarriedObject, guess: NDArray | None, grasp_height_m: float, ahead_m: float = 0.0
 ) -> tuple[NDArray, NDArray, float]:
     """Arm and wrist angles and object position (relative to the pelvis, world directions); upright, centred in y.
+
+    `ahead_m`: how much farther than needed the object is kept from the chest [m].
 
     Returns the solution (9,), left arm and wrist angles, then x and z of the object, a `guess` for the next call; the
     object position (3,); and the largest residual gap [m] between palm spheres and object.
@@ -174,7 +181,7 @@ def _solve_arms(
     lower = np.concatenate([kin.range[LEFT_ARM, 0], kin.wrist_range[:3, 0]])
     upper = np.concatenate([kin.range[LEFT_ARM, 1], kin.wrist_range[:3, 1]])
     lean = 2.0 * float(np.arcsin(kin.quat_WP[2]))
-    x_front = TORSO_FRONT_M + TORSO_GAP_M + half[0] + 0.28 * np.sin(max(lean, 0.0))
+    x_front = ahead_m + TORSO_FRONT_M + TORSO_GAP_M + half[0] + 0.28 * np.sin(max(lean, 0.0))
     knees = np.array([kin.data.xpos[kin.model.body(f"{s}_knee_link").id] for s in g1.SIDES])  # from the legs' solution
     thighs_below = knees[:, 0].max() + 0.06 > x_front - half[0]
     z_low = max(0.02, knees[:, 2].max() + 0.06 + half[2] + 0.01) if thighs_below else 0.02
@@ -284,33 +291,24 @@ def solve_carry(
     Args:
         carried: box, cylinder (upright) or sphere.
         posture: of the pelvis; default upright with slightly bent knees.
-        squeeze_n: normal force of each hand [N]; default 32 N plus 4 N per kg.
+        squeeze_n: normal force of each hand [N]; default 32 N plus 4 N per kg, or what palms of friction 0.6 need.
         grasp_height_m: of the palms above the object's centre.
 
     Raises:
         CarryInfeasible: the object is too wide, too deep or too heavy for the arms, or the posture has no stance; says why.
     """
     posture = posture or Posture()
-    squeeze = 32.0 + 4.0 * carried.mass_kg if squeeze_n is None else float(squeeze_n)
     weight = carried.mass_kg * GRAVITY
-    if 2 * PALM_FRICTION * squeeze < 1.3 * weight:
+    least = GRIP_MARGIN * weight / (2 * PALM_FRICTION)
+    squeeze = max(32.0 + 4.0 * carried.mass_kg, least) if squeeze_n is None else float(squeeze_n)
+    if squeeze < least:
         raise CarryInfeasible(
             f"object of {carried.mass_kg:.2f} kg is too heavy for a squeeze of {squeeze:.0f} N: palm friction "
-            f"{PALM_FRICTION:g} holds at most {2 * PALM_FRICTION * squeeze / 1.3 / GRAVITY:.2f} kg"
+            f"{PALM_FRICTION:g} holds at most {2 * PALM_FRICTION * squeeze / GRIP_MARGIN / GRAVITY:.2f} kg: "
+            f"squeeze with at least {least:.0f} N"
         )
     kin = _Kinematics(posture)
-    object_pos = np.array([0.35, 0.0, 0.1])
-    arms, gap = None, np.inf
-    for _ in range(2):  # legs and arms see each other through the centre of mass and the thighs
-        _solve_legs(kin, posture, carried, object_pos)
-        arms, object_pos, gap = _solve_arms(kin, carried, arms, grasp_height_m)
-    if gap > MAX_GAP_M:
-        width = 200.0 * carried.half_extents_m[1]
-        raise CarryInfeasible(
-            f"{carried.shape} {width:.0f} cm wide cannot be held between the palms: the nearest reachable grasp misses its "
-            f"sides by {1e3 * gap:.0f} mm (allowed {1e3 * MAX_GAP_M:.0f} mm)"
-        )
-    _solve_legs(kin, posture, carried, object_pos)
+    object_pos = _solve_grasp(kin, posture, carried, grasp_height_m)
     torque = _static_torque(kin, carried, object_pos, squeeze)
     share = np.abs(torque[g1.UPPER]) / kin.torque_limit[g1.UPPER]
     if share.max() > ARM_TORQUE_SHARE:
@@ -320,6 +318,32 @@ def solve_carry(
             f"{np.abs(torque[g1.UPPER]).max():.1f} N m, allowed is {ARM_TORQUE_SHARE:.0%} of its limit"
         )
     return _at_rest(kin, carried, posture, object_pos, squeeze, torque)
+
+
+def _solve_grasp(kin: _Kinematics, posture: Posture, carried: CarriedObject, grasp_height_m: float) -> NDArray:
+    """Joints of legs and arms, and the object's position, (3,); where arms would be inside the chest, it is held farther out."""
+    object_pos, gap, inside = np.array([0.35, 0.0, 0.1]), np.inf, 0.0
+    for ahead_m in AHEAD_M:
+        arms = None
+        for _ in range(2):  # legs and arms see each other through the centre of mass and the thighs
+            _solve_legs(kin, posture, carried, object_pos)
+            arms, object_pos, gap = _solve_arms(kin, carried, arms, grasp_height_m, ahead_m)
+        _solve_legs(kin, posture, carried, object_pos)
+        inside = self_contact.depth(kin.model, kin.data)
+        if gap > MAX_GAP_M or inside <= MAX_INSIDE_M:
+            break
+    if gap > MAX_GAP_M:
+        width = 200.0 * carried.half_extents_m[1]
+        raise CarryInfeasible(
+            f"{carried.shape} {width:.0f} cm wide cannot be held between the palms: the nearest reachable grasp misses its "
+            f"sides by {1e3 * gap:.0f} mm (allowed {1e3 * MAX_GAP_M:.0f} mm)"
+        )
+    if inside > MAX_INSIDE_M:
+        raise CarryInfeasible(
+            f"{carried.shape} of extents {np.round(200.0 * carried.half_extents_m)} cm: arms that hold it would be "
+            f"{1e3 * inside:.0f} mm inside the body: use another posture or object"
+        )
+    return object_pos
 
 
 def carry_state_at(

@@ -7,7 +7,7 @@ a bank of many states is a population of robots. Nothing here knows which simula
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -15,10 +15,30 @@ import numpy as np
 from hotice.errors import InvalidConfig
 from hotice.model import builder, g1
 
+FRICTIONS = ("sole_friction", "palm_friction", "object_friction")
+MOST_FRICTION = 10.0
+
+
+def _check_range(name: str, value: object) -> None:
+    if value is None:
+        return
+    pair = isinstance(value, tuple | list) and len(value) == 2
+    if not (
+        pair
+        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
+        and 0 < value[0] <= value[1] <= MOST_FRICTION  # also false for NaN
+    ):
+        raise InvalidConfig(
+            f"{name} is {value!r}: None, or a lowest and a highest value above 0 and at most {MOST_FRICTION:g}, are needed"
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicsConfig:
-    """Uniform spread of parameters: a share around the nominal value, or a range in the unit named. Zero: nominal."""
+    """Uniform spread of parameters: a share around the nominal value, or a range in the unit named. Zero or None: nominal.
+
+    Frictions are what contacts feel: the geom of higher priority decides alone (`hotice.model.builder`), so nothing is combined.
+    """
 
     gain: float = 0.0
     """Proportional and derivative gains, each joint on its own (CAT: ± 0.25)."""
@@ -36,16 +56,25 @@ class DynamicsConfig:
     """Torque limits and the torque that a command gives (ours: ± 0.1)."""
     joint_offset_rad: float = 0.0
     """Error of the joints' zero positions (ours: ± 0.01)."""
-    contact_friction: float = 0.0
-    """Friction of soles, palms and object (ours: ± 0.2)."""
+    sole_friction: tuple[float, float] | None = None
+    """Range of the friction between a foot and the floor, one draw for each foot (None: 1.0)."""
+    palm_friction: tuple[float, float] | None = None
+    """Range of the friction between palms and object, one draw for both palms (None: 2.0; the first author's fork: 2.0)."""
+    object_friction: tuple[float, float] | None = None
+    """Range of the friction between the object and everything but palms: trunk, thighs, floor, obstacles (None: 0.8)."""
     payload: float = 0.0
     """Mass of the carried object beside what the carry state assumes (ours: ± 0.1)."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (np.isfinite(value) and value >= 0):
+            if name in FRICTIONS:
+                _check_range(name, value)
+                object.__setattr__(
+                    self, name, value if value is None else tuple(float(v) for v in value)
+                )  # of a file: a list
+            elif not (np.isfinite(value) and value >= 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
-        for name in ("gain", "mass", "motor_strength", "contact_friction", "payload"):
+        for name in ("gain", "mass", "motor_strength", "payload"):
             if getattr(self, name) >= 1:
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a share below 1 is needed")
 
@@ -55,11 +84,33 @@ class DynamicsConfig:
         return not any(vars(self).values())
 
 
-STUDENT_DYNAMICS = DynamicsConfig(
-    gain=0.25, friction_loss_nm=0.2, armature=0.05, mass=0.1, torso_mass_kg=1.0, torso_com_m=0.05, motor_strength=0.1,
-    joint_offset_rad=0.01, contact_friction=0.2, payload=0.1,
+ROBOT_DYNAMICS = DynamicsConfig(
+    gain=0.25, friction_loss_nm=0.2, armature=0.05, mass=0.1, torso_mass_kg=1.0, torso_com_m=0.1, motor_strength=0.1,
+    joint_offset_rad=0.01, sole_friction=(0.5, 1.2), palm_friction=(0.6, 1.2), object_friction=(0.64, 0.96), payload=0.1,
 )  # fmt: skip
-"""What students are trained and evaluated under."""
+"""Of the protocol `robot`, for physics that does not creep: rubber palms on cardboard or plastic, shoes on any floor."""
+
+ROBOT_NOMINAL = DynamicsConfig(sole_friction=(0.85, 0.85), palm_friction=(0.9, 0.9))
+"""The middle of `ROBOT_DYNAMICS`."""
+
+PAPER_DYNAMICS = replace(
+    ROBOT_DYNAMICS, torso_com_m=0.05, sole_friction=(0.8, 1.2), palm_friction=(2.0, 2.0)
+)  # fmt: skip
+"""Of the protocol `paper`: palms as in the first author's public fork."""
+
+TRAINING_PALMS = {0.005: (1.7, 2.4), 0.010: (2.3, 3.0)}
+"""By physics step [s], the friction with which pyramids creep as much as elliptic cones at 2 ms do with 0.6 and upwards: from
+some 0.75 on no friction makes the coarse physics creep as little. Measured by `benchmarks.friction`, see docs/contacts.md."""
+
+
+def student_dynamics(physics_dt_s: float) -> DynamicsConfig:
+    """What students are trained under in physics steps of `physics_dt_s` [s]."""
+    step = min((s for s in TRAINING_PALMS if s >= physics_dt_s - 1e-9), default=max(TRAINING_PALMS))
+    return replace(ROBOT_DYNAMICS, palm_friction=TRAINING_PALMS[step])
+
+
+STUDENT_DYNAMICS = student_dynamics(0.005)
+"""What students are trained under in the default physics step."""
 
 LEAST_PUSH = 0.1
 """Of the largest push: the least (CAT: 0.1 of 1.0 m/s)."""
@@ -93,9 +144,26 @@ def perturb(model: mujoco.MjModel, config: DynamicsConfig, rng: np.random.Genera
     driven = model.jnt_dofadr[model.actuator_trnid[:, 0]]
     out.dof_frictionloss[driven] += config.friction_loss_nm * rng.uniform(0.0, 1.0, model.nu)
     out.dof_armature[:] *= 1.0 + config.armature * rng.uniform(0.0, 1.0, model.nv)
-    out.geom_friction[:, 0] *= around(config.contact_friction, model.ngeom)
+    for name, geoms in friction_groups(model):
+        span = getattr(config, name)
+        if span is not None:
+            out.geom_friction[geoms, 0] = rng.uniform(*span)
     mujoco.mj_setConst(out, mujoco.MjData(out))
     return out
+
+
+def friction_groups(model: mujoco.MjModel) -> list[tuple[str, list[int]]]:
+    """Geoms that share one draw of friction, each group with the field of `DynamicsConfig` it is drawn from.
+
+    Each foot's soles, the palms of both hands, and the object (of which there may be none).
+    """
+    names = [model.geom(i).name for i in range(model.ngeom)]
+    soles = [[i for i, n in enumerate(names) if n.startswith(f"{side}_sole_")] for side in g1.SIDES]
+    palms = [i for i, n in enumerate(names) if "_palm_" in n]
+    carried = [i for i, n in enumerate(names) if n.split("_")[0] == builder.OBJECT_BODY]
+    return [
+        *(("sole_friction", geoms) for geoms in soles), ("palm_friction", palms), ("object_friction", carried)
+    ]  # fmt: skip
 
 
 def joint_offset(model: mujoco.MjModel) -> np.ndarray:

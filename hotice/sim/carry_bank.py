@@ -70,27 +70,31 @@ class CarryBank:
     def of(
         cls, states: Sequence[CarryState], timestep_s: float, device: torch.device, *, scene: Scene | None = None,
         elliptic: bool = False, one_layout: bool = False, dynamics: DynamicsConfig | None = None, seed: int = 0,
+        robots: Sequence[np.random.Generator] | None = None,
     ) -> CarryBank:  # fmt: skip
-        """Compiles the model of each state and stacks their rows.
+        """Compiles the model of each state, once where a state occurs again, and stacks their rows.
 
         Args:
             states: carry states. timestep_s: physics step. device: of the tensors.
             scene: its obstacles become part of every model (evaluation with exact geometry).
             elliptic: friction cones of evaluation, see `build_model`.
             one_layout: gives every model a geom of each shape that occurs, see `builder.add_object`.
-            dynamics, seed: spread of the robots' parameters, drawn anew for each state.
+            dynamics: spread of the robots' parameters, drawn anew for each row from a generator of its own: those of `robots`, or
+                ones made of `seed`.
         """
         shapes = sorted({s.carried.shape for s in states})
-        models = [
-            builder.build_model(
+        compiled = {
+            key: builder.build_model(
                 s.carried, scene, wrist_pos=s.wrist_pos, timestep_s=timestep_s, elliptic=elliptic,
                 object_shapes=shapes if one_layout and len(shapes) > 1 else (),
             )
-            for s in states
-        ]  # fmt: skip
+            for key, s in {id(s): s for s in states}.items()
+        }  # fmt: skip
+        models = [compiled[id(s)] for s in states]
         if dynamics is not None and not dynamics.nominal:
             # a generator each: a robot depends neither on those before it nor on how many obstacles there are
-            models = [perturb(m, dynamics, np.random.default_rng([seed, 1, i])) for i, m in enumerate(models)]
+            rngs = robots or [np.random.default_rng([seed, 1, i]) for i in range(len(states))]
+            models = [perturb(m, dynamics, rng) for m, rng in zip(models, rngs, strict=True)]
 
         def rows(values: Sequence[np.ndarray]) -> Tensor:
             return torch.tensor(np.stack(values), dtype=torch.float32, device=device)

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
-from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig
+from hotice.model.dynamics import DynamicsConfig, student_dynamics
 from hotice.model.history import LONGEST, is_length
 from hotice.model.object_range import ObjectRange
 from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
@@ -174,5 +174,7 @@ class TaskConfig:
         return round(self.episode_s / self.control_dt_s)
 
     def perturbed(self) -> TaskConfig:
-        """The same task under noise, delay, pushes and uncertain dynamics: for students and for evaluation."""
-        return replace(self, sensing=STUDENT_SENSING, dynamics=STUDENT_DYNAMICS, push_m_s=STUDENT_PUSH_M_S)
+        """The task under noise, delay, pushes and uncertain dynamics, as students are trained; for evaluation see `protocols`."""
+        return replace(
+            self, sensing=STUDENT_SENSING, dynamics=student_dynamics(self.physics_dt_s), push_m_s=STUDENT_PUSH_M_S
+        )

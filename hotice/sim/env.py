@@ -47,7 +47,8 @@ class Step:
     terminated, truncated (N,): failure or success, and time out. outcome (N,): index into `OUTCOMES`, 0 while running.
     goal_distance (N,): root to goal [m] before any restart. reached (N,): within the goal radius. touched (N,): robot or
     object intrudes into an obstacle, by the sphere cover. scene, model (N,): ids of the episode that made this step.
-    length (N,): control steps of that episode so far.
+    length (N,): control steps of that episode so far. seen: the instant after the step, before any restart. self_depth (N,): how
+    deep parts of the robot were in each other during the step [m], 0 where the physics does not look (training).
     """
 
     policy: Tensor
@@ -65,6 +66,8 @@ class Step:
     scene: Tensor
     model: Tensor
     length: Tensor
+    seen: Snapshot
+    self_depth: Tensor
 
 
 class TransportEnv:
@@ -151,6 +154,8 @@ class TransportEnv:
         scale[12:] = cfg.arm_scale_rad
         self.action_scale = scale
         self.unstable = 0
+        self.restarts = True
+        """Whether what has ended is started anew; evaluation starts nothing anew: a trial's draws then depend on no other."""
         self.memory.model[:] = torch.arange(num_envs, device=self.device) % len(self.carry.states)
         self.has_obstacles = any(s.obstacles for s in self.bank.scenes)
 
@@ -214,9 +219,11 @@ class TransportEnv:
         terms = torch.where(unstable[:, None], torch.zeros_like(terms), terms)
         policy, critic = self._observe(s, self.everyone), self._privileged(s, self.everyone)
         final_policy, final_critic = policy, critic
+        deep = self.physics.self_depth
+        self_depth = torch.zeros(self.num_envs, device=self.device) if deep is None else deep.clone()
         scene, model, length = self.memory.scene.clone(), self.memory.model.clone(), self.memory.step.clone()
         done = torch.nonzero(outcome > 0).squeeze(1)
-        if len(done):
+        if self.restarts and len(done):
             final_policy, final_critic = policy.clone(), critic.clone()
             self._start(done)
             fresh = self.snapshot(done)
@@ -226,6 +233,7 @@ class TransportEnv:
             terminated=terminated, truncated=truncated, outcome=outcome, goal_distance=s.goal_distance,
             reached=s.goal_distance < self.config.goal_radius_m,
             touched=torch.minimum(s.clearance, s.object_clearance) < 0.0, scene=scene, model=model, length=length,
+            seen=s, self_depth=self_depth,
         )  # fmt: skip
 
     def _act(self, action: Tensor) -> None:
@@ -338,7 +346,7 @@ class TransportEnv:
         if self.physics.hits is None:
             robot_hit, object_hit = robot_gap < -cfg.tolerance_m, object_gap < -cfg.tolerance_m
         else:
-            robot_hit, object_hit = self.physics.hits[rows].unbind(1)
+            robot_hit, object_hit = self.physics.hits[rows].clone().unbind(1)  # a copy: a restart clears them
         ends = motion.p_WK[:, NUM_SGF + 2 :, 2]
         touch = torch.minimum(ends[:, :2], ends[:, 2:]) < TOUCH_HEIGHT_M
         wave = torch.sin(torch.stack([m.phase[rows], m.phase[rows] + torch.pi], dim=1))

@@ -66,8 +66,9 @@ class MujocoBatch:
         self._force = _view(self.batch.bind("actuator_force"))
         self.actuator_force = self._force.clone()  # of the last step: not a function of the state, so it is kept
         has_sensors = mujoco.mj_name2id(self.models[0], mujoco.mjtObj.mjOBJ_SENSOR, HIT_SENSORS[0]) >= 0
-        self._hit_count = _view(self.batch.bind("sensordata")) if has_sensors else None
+        self._sensed = _view(self.batch.bind("sensordata")) if has_sensors else None
         self.hits = torch.zeros(num_envs, 2, dtype=torch.bool) if has_sensors else None
+        self.self_depth = torch.zeros(num_envs) if has_sensors else None
         self._rows = {name: np.stack([getattr(m, name) for m in self.models]) for name in differing_fields(self.models)}
         self._fields = {name: self.batch.expand(name) for name in self._rows}
         self.set_models(torch.arange(num_envs), torch.arange(num_envs) % len(self.models))
@@ -95,8 +96,9 @@ class MujocoBatch:
 
     def _step_with_hits(self, substeps: int, target: Tensor | None, delay: Tensor | None) -> None:
         """The same one by one: a contact counts in whichever physics step it happens."""
-        assert self.hits is not None and self._hit_count is not None
+        assert self.hits is not None and self._sensed is not None and self.self_depth is not None
         self.hits.zero_()
+        self.self_depth.zero_()
         ids = self._moved()
         moved = slice(None) if ids is None else ids
         for k in range(substeps):
@@ -104,7 +106,9 @@ class MujocoBatch:
                 arrives = delay == k
                 self.ctrl[arrives] = target[arrives].to(self.ctrl.dtype)
             self._step(1, ids, _STAGE.mjSTAGE_ACC if k == substeps - 1 else _STAGE.mjSTAGE_VEL)
-            self.hits[moved] |= self._hit_count[moved] > 0
+            sensed = self._sensed[moved]
+            self.hits[moved] |= sensed[:, :2] > 0
+            self.self_depth[moved] = torch.maximum(self.self_depth[moved], -sensed[:, 2].float())
 
     def _moved(self, which: Tensor | None = None) -> Tensor | None:
         """Ids (n,) of the simulations that move, of those in `which` (N,) bool; None for all."""

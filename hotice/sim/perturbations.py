@@ -22,15 +22,15 @@ SENSED: Mapping[str, tuple[str, ...]] = MappingProxyType(
 SOURCES = (*SENSED, "pushes", "dynamics")
 
 
-def without(task: TaskConfig, sources: Iterable[str]) -> TaskConfig:
-    """The task with these sources of perturbation switched off. Raises `UnknownName`."""
+def without(task: TaskConfig, sources: Iterable[str], nominal: DynamicsConfig | None = None) -> TaskConfig:
+    """The task with these sources of perturbation switched off; `nominal`: robots without "dynamics". Raises `UnknownName`."""
     for source in sources:
         if source in SENSED:
             task = replace(task, sensing=replace(task.sensing, **dict.fromkeys(SENSED[source], 0)))
         elif source == "pushes":
             task = replace(task, push_m_s=0.0)
         elif source == "dynamics":
-            task = replace(task, dynamics=DynamicsConfig())
+            task = replace(task, dynamics=nominal or DynamicsConfig())
         else:
             raise UnknownName("source of perturbation", source, SOURCES)
     return task

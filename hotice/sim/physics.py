@@ -28,6 +28,7 @@ class Physics(Protocol):
         xpos (N, B, 3), xmat (N, B, 3, 3): body frames. cvel (N, B, 6): spatial velocity (angular, linear) at `com`.
         hits: (N, 2) bool, whether robot and object touched an obstacle during the last step, or None where the models hold
             no obstacles.
+        self_depth: (N,) how deep the robot's parts were in each other at most during the last step [m], or None like `hits`.
         com (N, B, 3): centre of mass of the subtree below each body. actuator_force (N, nu) [N m] in the last substep,
             zero after `forward`: a copy.
     """
@@ -43,6 +44,7 @@ class Physics(Protocol):
     com: Tensor
     actuator_force: Tensor
     hits: Tensor | None
+    self_depth: Tensor | None
 
     def step(self, substeps: int, target: Tensor | None = None, delay: Tensor | None = None) -> None:
         """Advances all simulations; derived tensors then describe the new state.

@@ -36,7 +36,7 @@ from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
 from hotice.errors import NotAvailable
 from hotice.model import builder as models
-from hotice.model import g1
+from hotice.model import g1, self_contact
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.systems.shapes import pose, primitive
@@ -47,8 +47,9 @@ STIFFNESS_N_M, DISSIPATION_S_M = 5e4, 10.0
 """Of each contact point: a standing robot sinks in by less than 1 mm."""
 FLOOR_M = (100.0, 100.0, 1.0)
 """A box: Drake warns of half spaces."""
-FRICTION = {"object": 2.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "trunk": 2.0 / 3.0, "robot": 1.0}
-"""Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palm and object 2, sole and floor 1, trunk and object 1."""
+FRICTION = {"object": 2.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "trunk": 0.5, "robot": 1.0}
+"""Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palm and object 2, sole and floor 1, trunk and object 0.8. On floor
+and obstacles the object has 1.33, in MuJoCo 0.8: no mean gives all four."""
 
 
 class DrakePlant(Diagram):
@@ -79,7 +80,7 @@ class DrakePlant(Diagram):
         )  # fmt: skip
         plant, scene_graph = AddMultibodyPlant(config, builder)
         (robot,) = models.add_to_plant(plant, 20, wrist_pos)
-        groups = _robot_geometry(plant, scene_graph)
+        groups, meeting = _robot_geometry(plant, scene_graph)
         groups["object"] = [_add_object(plant, carried)]
         floor = RigidTransform([0.0, 0.0, -0.5 * FLOOR_M[2]])
         groups["floor"] = [_add_fixed(plant, floor, Box(*FLOOR_M), "floor", "floor")]
@@ -87,7 +88,7 @@ class DrakePlant(Diagram):
             _add_fixed(plant, pose(o.position_m, o.quaternion_wxyz), _shape(o), o.name, "obstacle")
             for o in scene.obstacles
         ]
-        _filter(scene_graph, groups)
+        _filter(scene_graph, groups, meeting)
         if servo:
             for joint, kp, kd in zip(g1.ACTION_JOINTS, *g1.gains(), strict=True):
                 actuator = plant.GetJointActuatorByName(joint.removesuffix("_joint"))
@@ -157,19 +158,23 @@ def _properties(kind: str) -> ProximityProperties:
     return properties
 
 
-def _robot_geometry(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict[str, list[GeometryId]]:
-    """The robot's geometries: all, and those that neither floor nor object meets; sets their materials."""
+def _robot_geometry(
+    plant: MultibodyPlant, scene_graph: SceneGraph
+) -> tuple[dict[str, list[GeometryId]], list[tuple[GeometryId, GeometryId]]]:
+    """The robot's geometries: all, those that floor or object do not meet, and pairs that do meet; sets their materials."""
     bits = {}
     model = models.robot_spec(20).compile()
     for i in range(model.ngeom):
         bits[model.geom(i).name] = int(model.geom_conaffinity[i])
     groups: dict[str, list[GeometryId]] = {"robot": [], "no_floor": [], "no_object": []}
+    named: dict[str, GeometryId] = {}
     inspector = scene_graph.model_inspector()
     for geometry in inspector.GetAllGeometryIds(Role.kProximity):
         name = inspector.GetName(geometry).split("::")[-1]
         if name not in bits:
             continue
         groups["robot"].append(geometry)
+        named[name] = geometry
         if not bits[name] & models.FLOOR:
             groups["no_floor"].append(geometry)
         if not bits[name] & models.OBJECT:
@@ -177,14 +182,18 @@ def _robot_geometry(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict[str,
         meets_object = bool(bits[name] & models.OBJECT)
         kind = "palm" if "_palm_" in name else "trunk" if meets_object else "robot"
         scene_graph.AssignRole(plant.get_source_id(), geometry, _properties(kind), RoleAssign.kReplace)
-    return groups
+    return groups, [(named[one], named[other]) for one, other in self_contact.pairs()]
 
 
-def _filter(scene_graph: SceneGraph, groups: dict[str, list[GeometryId]]) -> None:
+def _filter(
+    scene_graph: SceneGraph, groups: dict[str, list[GeometryId]], meeting: list[tuple[GeometryId, GeometryId]]
+) -> None:
     """Leaves the pairs that MuJoCo's model lets collide, see `hotice.model.builder`."""
     sets = {name: GeometrySet(ids) for name, ids in groups.items()}
     rules = CollisionFilterDeclaration()
     rules.ExcludeWithin(sets["robot"])
+    for one, other in meeting:
+        rules.AllowBetween(GeometrySet([one]), GeometrySet([other]))
     rules.ExcludeBetween(sets["no_floor"], sets["floor"])
     rules.ExcludeBetween(sets["no_object"], sets["object"])
     scene_graph.collision_filter_manager().Apply(rules)

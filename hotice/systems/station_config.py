@@ -12,7 +12,14 @@ import yaml
 
 from hotice.errors import HoticeError, InputError, InvalidConfig
 from hotice.files import read_bytes
-from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig
+from hotice.model.dynamics import (
+    FRICTIONS,
+    PAPER_DYNAMICS,
+    ROBOT_DYNAMICS,
+    ROBOT_NOMINAL,
+    STUDENT_DYNAMICS,
+    DynamicsConfig,
+)
 from hotice.model.objects import Box, CarriedObject, object_from_dict
 from hotice.model.scene import Scene
 from hotice.model.sensing import STUDENT_SENSING, SensingConfig
@@ -22,7 +29,10 @@ from hotice.systems.safety_monitor import SafetyLimits
 MAX_FILE_BYTES = 2**20
 SERVOS = ("pd", "motor")
 SENSING = {"exact": SensingConfig(), "student": STUDENT_SENSING}
-DYNAMICS = {"nominal": DynamicsConfig(), "student": STUDENT_DYNAMICS}
+DYNAMICS = {
+    "nominal": DynamicsConfig(), "student": STUDENT_DYNAMICS,
+    "robot": ROBOT_DYNAMICS, "robot_nominal": ROBOT_NOMINAL, "paper": PAPER_DYNAMICS,
+}  # fmt: skip
 PARTS = {"sensing": SensingConfig, "dynamics": DynamicsConfig, "safety": SafetyLimits}
 
 
@@ -49,7 +59,7 @@ class StationConfig:
     """Noise and delay of what the policy reads; in a file exact, student or a mapping."""
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     """Spread of gains, friction, masses and motors; the robot is drawn once, by the seed (MuJoCo plant). In a file nominal,
-    student or a mapping."""
+    student, robot, robot_nominal or paper (see docs/contacts.md), or a mapping."""
     push_m_s: float = 0.0
     """Largest push, a sudden change of the pelvis' velocity (MuJoCo plant; students: 1.0); 0: none."""
     push_interval_s: float = 7.5
@@ -117,7 +127,8 @@ class StationConfig:
             if name in values and not isinstance(values[name], kind):
                 part = _mapping(name, values[name], [f.name for f in fields(kind)])
                 for key, value in part.items():
-                    _number(f"{name}.{key}", value)
+                    if key not in FRICTIONS:
+                        _number(f"{name}.{key}", value)
                 values[name] = kind(**part)
         if "rehearsal" in values and not isinstance(values["rehearsal"], RehearsalConfig):
             part = _mapping("rehearsal", values["rehearsal"], [f.name for f in fields(RehearsalConfig)])

@@ -65,6 +65,19 @@ def test_an_average_is_made_anew_but_a_run_is_never_touched(branches, run, tmp_p
     assert load_checkpoint(branches[0])[1]["sha256"] == before
 
 
+def test_branches_in_other_physics_steps_have_a_mean(branches, tmp_path):
+    """Coarse steps for most of a run, fine ones for its end: what counts is the control period."""
+    tensors, meta = load_checkpoint(branches[1])
+    own = {k: v for k, v in meta.items() if k not in ("format", "sha256", "update")}
+    own["config"]["task"] |= {"physics_dt_s": 0.01, "substeps": 2}
+    coarse = save_checkpoint(tmp_path / "coarse", meta["update"], tensors, own)
+    assert merge([branches[0], coarse.parent], tmp_path / "merged").exists()
+    own["config"]["task"] |= {"physics_dt_s": 0.01, "substeps": 4}
+    slow = save_checkpoint(tmp_path / "slow", meta["update"], tensors, own)
+    with pytest.raises(CheckpointError, match="its control period is 0.04, that of .* 0.02"):
+        merge([branches[0], slow.parent], tmp_path / "none")
+
+
 @pytest.mark.parametrize("count", [0, 1])
 def test_two_different_parts_are_needed(branches, tmp_path, count):
     with pytest.raises(InvalidConfig, match="two different checkpoints or runs"):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-import hotice.learn.record as module
+import hotice.learn.conditions as conditions
 from hotice.errors import CheckpointError, InvalidConfig
+from hotice.learn.conditions import Conditions
 from hotice.learn.evaluate import score_block
 from hotice.learn.policy import load_policy
 from hotice.learn.record import record_rollouts
@@ -53,13 +54,12 @@ SCENES = {
 @pytest.mark.parametrize("cause", SCENES)
 def test_a_rollout_ends_as_its_trial(cause, meta, states):
     scene, action = SCENES[cause]
-    trials = score_block(Acting(meta, action), scene, states, 2, 4, perturbed=False)
+    trials = score_block(Acting(meta, action), scene, states, 4, Conditions(perturbed=False))
     records = record_rollouts(Acting(meta, action), scene, states, seed=4, threads=1)
     assert [r.outcome for r in records] == list(trials.outcome) and set(trials.outcome) == {cause}
     for record, time_s, distance_m in zip(records, trials.time_s, trials.distance_m, strict=True):
-        shown = time_s if cause != "drop" else max(time_s - 0.02, 0.02)  # what follows a drop is the next start
-        assert record.time_s[-1] == pytest.approx(shown) and np.allclose(np.diff(record.time_s), 0.02)
-        assert record.distance_m == pytest.approx(distance_m, abs=0.05 if cause == "drop" else 1e-5)
+        assert record.time_s[-1] == pytest.approx(time_s) and np.allclose(np.diff(record.time_s), 0.02)
+        assert record.distance_m == pytest.approx(distance_m, abs=1e-5)
         assert (record.scene, record.policy) == (scene, "acting")
 
 
@@ -68,23 +68,18 @@ def scripted(monkeypatch):
     """Function: from control step t on the goal counts as reached, and from u on the object as hit; no physics."""
 
     def script(reached=10**9, hit=10**9):
-        class Scripted(module.TransportEnv):
+        class Scripted(conditions.TransportEnv):
             steps = 0
 
             def step(self, action):
                 self.steps += 1
-                n = self.num_envs
-                still = torch.zeros(n, dtype=torch.int64)
-                return type(
-                    "Step", (), dict(policy=action, outcome=still, reached=torch.full((n,), self.steps >= reached))
-                )
+                seen = self.snapshot()
+                seen.object_hit[:] = self.steps >= hit
+                still = torch.zeros(self.num_envs, dtype=torch.int64)
+                away = torch.full((self.num_envs,), 0.0 if self.steps >= reached else 1.0)
+                return type("Step", (), dict(policy=action, outcome=still, goal_distance=away, seen=seen))
 
-            def snapshot(self, ids=None):
-                s = super().snapshot(ids)
-                s.object_hit[:] = self.steps >= hit
-                return s
-
-        monkeypatch.setattr(module, "TransportEnv", Scripted)
+        monkeypatch.setattr(conditions, "TransportEnv", Scripted)
 
     return script
 

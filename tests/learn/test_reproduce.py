@@ -1,8 +1,10 @@
+import dataclasses
 import json
 import shlex
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 import tyro
 
@@ -14,11 +16,13 @@ from hotice.learn.commands import Flat
 from hotice.learn.config import TrainConfig
 from hotice.learn.evaluate import EvaluateConfig
 from hotice.learn.paper_tables import TABLES
+from hotice.learn.policy import export_onnx, torch_policy
 from hotice.learn.reproduce import RECIPES, ReproduceConfig, reproduce, train_command
 from hotice.learn.runner import Runner
 from hotice.learn.unseen import Fit
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape
+from hotice.policies.policy_file import KEY, content_hash, read_onnx_meta
 from hotice.sim.config import PRESETS
 
 
@@ -87,10 +91,21 @@ def test_the_commands_do_what_they_say(tmp_path, tiny):
     assert tyro.cli(Flat[TrainConfig], args=options) == config
 
 
-def test_unseen_scenes(onnx_file, tmp_path, scenes):
+@pytest.fixture
+def near_policy(tiny, tmp_path, scenes):
+    """A policy that was trained on the first of `scenes`."""
+    Runner(tiny(tmp_path / "near", scenes=(scenes[0],), updates=1)).train()
+    return export_onnx(torch_policy(tmp_path / "near"), tmp_path / "near.onnx")
+
+
+def test_unseen_scenes(near_policy, tmp_path, scenes):
+    onnx_file = near_policy
     config = quick(tmp_path, scenes, "unseen", budget="paper", updates=0, policies=(f"generalist={onnx_file}",))
     result = reproduce(config)["unseen"]
     assert [p["name"] for p in result["points"]] == ["near1", "near2"]
+    assert result["training"]["compared"] == 1 and result["training"]["left_out"] == []
+    assert result["groups"]["family_unknown"]["rollouts"] == 2 and set(result["groups"]) == {"family_unknown"}
+    assert "| of no known family | 2 | 2 | 100.0 |" in (tmp_path / "out" / "tables.md").read_text()
     assert all(0.2 < p["similarity"] < 1.0 and p["nearest"] == "near0" for p in result["points"])
     assert result["points"][0]["similarity"] > result["points"][1]["similarity"]
     assert result["fits"]["success_rate"] == pytest.approx({"slope": 0.0, "intercept": 1.0, "rmse": 0.0}, abs=1e-9)
@@ -98,6 +113,31 @@ def test_unseen_scenes(onnx_file, tmp_path, scenes):
     command = result["rows"][0]["origin"]["evaluated_by"]
     asked = tyro.cli(Flat[EvaluateConfig], args=shlex.split(command)[2:])
     assert asked.rollouts == 1 and asked.scenes == config.unseen and asked.policy == str(onnx_file)
+
+
+def test_a_policy_without_a_record_is_refused_before_anything_is_scored(near_policy, tmp_path, scenes, monkeypatch):
+    file = without_record(near_policy, tmp_path / "old.onnx")
+    config = quick(tmp_path, scenes, "unseen", budget="paper", updates=0, policies=(f"generalist={file}",))
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "_evaluate", lambda *args: pytest.fail("it was scored"))
+        with pytest.raises(CheckpointError, match="carries no record of its training scenes.*--trained-on"):
+            reproduce(config)
+    named = reproduce(dataclasses.replace(config, trained_on=(scenes[0],)))["unseen"]
+    assert named["training"]["told_by_hand"] == 1 and {p["nearest"] for p in named["points"]} == {"near0"}
+    config = dataclasses.replace(config, policies=(f"generalist={near_policy}",), trained_on=(scenes[0],))
+    with pytest.raises(InvalidConfig, match="carries a whole record"):
+        reproduce(config)
+
+
+def without_record(policy, path):
+    """A copy of a policy as it was exported before there were records."""
+    model = onnx.load(policy)
+    meta = {k: v for k, v in read_onnx_meta(policy.read_bytes(), policy).items() if k not in ("sha256", "trained_on")}
+    del model.metadata_props[:]
+    meta["sha256"] = content_hash(model, meta)
+    model.metadata_props.append(onnx.StringStringEntryProto(key=KEY, value=json.dumps(meta)))
+    onnx.save_model(model, path)
+    return path
 
 
 def test_fit_of_a_noisy_line():

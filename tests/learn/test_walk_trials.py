@@ -6,13 +6,14 @@ import pytest
 import torch
 
 import hotice.learn.carriers as carriers
-import hotice.learn.evaluate as module
+import hotice.learn.conditions as conditions
 import hotice.learn.walk_trials as walk_trials
 from hotice.control.plant import TorquePlant
 from hotice.control.walk import WalkConfig
-from hotice.errors import InvalidConfig, MissingExtra, UnknownName
+from hotice.errors import InvalidConfig, MissingExtra, UnknownName, UnreachableGoal
 from hotice.learn.__main__ import main
-from hotice.learn.evaluate import EvaluateConfig, Scorer, evaluate, evaluation_task, score_block, start_trials
+from hotice.learn.conditions import Conditions
+from hotice.learn.evaluate import EvaluateConfig, Scorer, evaluate, score_block
 from hotice.learn.policy import load_policy
 from hotice.learn.walk_trials import Trial, failure, score_walks
 from hotice.model import Box, Cylinder, Sphere, builder, g1
@@ -36,10 +37,7 @@ WIDE = scene("wide", ("ground", (1.0, 0.0, 0.05), (1.2, 2.0, 0.1)), goal=2.0)
 
 
 def walked(place, states=(STATE,), rollouts=1, seed=0, **task):
-    task = {"fine": False, "horizon_s": 5.0} | task
-    env = start_trials(place, states, rollouts, seed, evaluation_task({}, **task), fine=task["fine"])
-    env.reset()
-    return score_walks(WalkConfig(), env)
+    return score_walks(WalkConfig(), place, rollouts * list(states), seed, Conditions(perturbed=False, **task))
 
 
 @pytest.fixture
@@ -51,7 +49,15 @@ def asked(tmp_path):
     def make(**changes):
         scenes = (str(tmp_path / "short.json"), str(tmp_path / "wide.json"))
         given = dict(
-            controller="walk", perturbed=False, scenes=scenes, rollouts=2, seed=5, objects=2, batch=1, threads=1
+            controller="walk",
+            perturbed=False,
+            scenes=scenes,
+            rollouts=2,
+            seed=5,
+            objects=2,
+            batch=1,
+            threads=1,
+            horizon_s=1.5,
         )
         return EvaluateConfig(**given | changes)
 
@@ -74,7 +80,11 @@ def test_a_report_of_the_walk(asked, tmp_path, capsys):
     assert wide["no_plans"] == 2 and wide["success_rate"] == 0.0 and wide["timeouts"] == 0
     assert wide["mean_distance_m"] == pytest.approx(2.0, abs=0.04)
     printed = " ".join(capsys.readouterr().out.split())
-    assert "controller walk: 2 trials" in printed and "no plan" in printed
+    assert (
+        "controller walk, protocol robot (2 ms, elliptic): 2 trials" in printed
+        and " no " in printed
+        and " plan " in printed
+    )
 
 
 def test_an_interrupted_evaluation_goes_on_and_ends_the_same(asked, tmp_path, monkeypatch, capfd):
@@ -111,7 +121,7 @@ def test_policies_and_the_walk_start_alike(asked, onnx_file, monkeypatch):
     """Objects and starts of all blocks, to the bit."""
     seen = {"walk": [], "policy": []}
 
-    class Watched(module.TransportEnv):
+    class Watched(conditions.TransportEnv):
         def step(self, action):
             row = (self.carry.states[int(self.memory.model[0])].carried, self.physics.qpos[0].clone())
             if not seen["policy"] or len(seen["policy"]) < blocks:
@@ -120,13 +130,13 @@ def test_policies_and_the_walk_start_alike(asked, onnx_file, monkeypatch):
 
     def look(plant, place, pf, state, *args, **kwargs):
         seen["walk"].append((state.carried, torch.from_numpy(plant.data.qpos.copy())))
-        return Trial("fall", 1.0, 1.0, 1.0, 0, 0.0, 0.0)
+        raise UnreachableGoal("not looked for")
 
-    monkeypatch.setattr(walk_trials, "run_trial", look)
+    monkeypatch.setattr(walk_trials, "Walk", look)
     walk = Scorer.of(asked())
     for block in (0, 1):
         walk.score(WalkConfig(), 0, block)
-    monkeypatch.setattr(module, "TransportEnv", Watched)
+    monkeypatch.setattr(conditions, "TransportEnv", Watched)
     policy = Scorer.of(asked(controller="policy", policy=str(onnx_file), horizon_s=0.02))
     for block in (0, 1):
         blocks = block + 1
@@ -141,23 +151,23 @@ def test_other_shapes_are_carried_too(carried):
 
 
 def test_trials_are_looked_at_as_often_as_those_of_policies():
-    """Also with fine steps, in which the controller acts every 4 ms."""
-    for fine in (False, True):
-        trials = walked(SHORT, fine=fine)
+    """Also with steps of 2 ms, in which the controller acts every 4 ms."""
+    for protocol in ("paper", "robot"):
+        trials = walked(SHORT, protocol=protocol)
         assert trials.outcomes == {"success": 1}
         assert trials.time_s[0] == pytest.approx(0.02 * round(trials.time_s[0] / 0.02), abs=1e-9)
 
 
-def test_fine_steps_reach_the_simulation(monkeypatch):
+def test_the_protocol_reaches_the_simulation(monkeypatch):
     seen = []
 
     def look(plant, *args, **kwargs):
         seen.append((plant.model.opt.timestep, plant.model.opt.cone))
-        return Trial("fall", 1.0, 1.0, 1.0, 0, 0.0, 0.0)
+        raise UnreachableGoal("not looked for")
 
-    monkeypatch.setattr(walk_trials, "run_trial", look)
-    for fine in (False, True):
-        walked(SHORT, fine=fine)
+    monkeypatch.setattr(walk_trials, "Walk", look)
+    for protocol in ("paper", "robot"):
+        walked(SHORT, protocol=protocol)
     cone = mujoco.mjtCone
     assert seen == [(0.005, cone.mjCONE_PYRAMIDAL), (0.002, cone.mjCONE_ELLIPTIC)]
 
@@ -203,7 +213,7 @@ def test_a_trial_that_would_go_on_is_a_timeout():
 def test_the_time_limit_is_that_of_both(onnx_file):
     trials = walked(SHORT, horizon_s=0.2)
     assert trials.outcomes == {"timeout": 1} and trials.time_s == (0.2,)
-    trials = score_block(load_policy(onnx_file), SHORT, [STATE], 1, 0, perturbed=False, horizon_s=0.1)
+    trials = score_block(load_policy(onnx_file), SHORT, [STATE], 0, Conditions(perturbed=False, horizon_s=0.1))
     assert trials.outcomes == {"timeout": 1} and trials.time_s == (0.1,)
 
 

@@ -202,7 +202,7 @@ def test_infeasible(carried, posture, message):
 
 def test_too_little_squeeze():
     with pytest.raises(
-        CarryInfeasible, match=r"3.00 kg is too heavy for a squeeze of 5 N: palm friction 2 holds at most"
+        CarryInfeasible, match=r"3.00 kg is too heavy for a squeeze of 5 N: palm friction 0.6 holds at most"
     ):
         solve_carry(Box((0.3, 0.3, 0.3), 3.0), squeeze_n=5.0)
 

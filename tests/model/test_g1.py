@@ -309,6 +309,9 @@ def geoms_of(model, body):
     return range(start, start + int(model.body(body).geomnum[0]))
 
 
+FOOT_BOX = ("ankle_roll_link_0", "ankle_roll_link_1")  # a standing foot meets the floor with its soles alone
+
+
 def test_every_link_has_collision_geometry(model):
     """Every link can meet an obstacle; soles and palms have four spheres each; no geometry adds mass."""
     for i in range(1, model.nbody):
@@ -319,8 +322,9 @@ def test_every_link_has_collision_geometry(model):
         palms = [model.geom(f"{side}_palm_{i}") for i in range(4)]
         assert all(int(g.conaffinity[0]) & builder.FLOOR for g in soles)
         assert all(int(g.conaffinity[0]) & builder.OBJECT for g in palms)
-    floor = [model.geom(g).name for g in range(model.ngeom) if model.geom_conaffinity[g] & builder.FLOOR]
-    assert all("sole" in name for name in floor) and len(floor) == 8
+    off = {model.geom(g).name for g in range(model.ngeom) if not model.geom_conaffinity[g] & builder.FLOOR}
+    feet = {f"{side}_{part}" for side in g1.SIDES for part in ("ankle_pitch_link_0", *FOOT_BOX)}
+    assert off == feet | {f"{side}_palm_{i}" for side in g1.SIDES for i in range(4)}
 
 
 def distance_to_link(model, body, p_B):
