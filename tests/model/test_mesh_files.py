@@ -323,7 +323,16 @@ def test_damaged_files_are_read_or_refused(suffix, count=150):
         content = bytearray(whole)
         for _ in range(rng.integers(1, 6)):
             at, length = rng.integers(len(content)), rng.integers(1, 9)
-            what = (rng.bytes(length), b"", bytes(content[at : at + length]) * 3, b"-", b"9e9", b"1e400", b"[]", b"null")
+            what = (
+                rng.bytes(length),
+                b"",
+                bytes(content[at : at + length]) * 3,
+                b"-",
+                b"9e9",
+                b"1e400",
+                b"[]",
+                b"null",
+            )
             content[at : at + length] = what[rng.integers(len(what))]
         with np.errstate(all="ignore"):
             try:

@@ -83,7 +83,7 @@ def _evidence(p_W: Points, ceiling_m: float) -> tuple[int, int]:
         return over, under
     stands = _standing(solid[:, :, (z > low + GAP_M) & (z < low + RISES_M) & (z < high - GAP_M)])
     hangs = _standing(solid[:, :, (z < high - GAP_M) & (z > high - RISES_M) & (z > low + GAP_M)][:, :, ::-1])
-    beside = [np.asarray(binary_dilation(part > 0, np.ones((3, 3)))) for part in (stands, hangs)]
+    beside = [np.asarray(binary_dilation(part > 0, np.ones((3, 3))), dtype=bool) for part in (stands, hangs)]
     rises, falls = int(stands[~beside[1]].sum()), int(hangs[~beside[0]].sum())
     return rises + over, falls + under
 
