@@ -75,12 +75,14 @@ def import_map(config: Flat[ImportConfig]) -> int:
     from hotice.model.importers.scene_import import import_scene
     from hotice.replay.import_picture import write_import_picture
 
+    picture = config.out.with_suffix(".png")
     check_writable(config.out)
+    check_writable(picture)
     console = Console(highlight=False)
     with console.status(f"importing {config.map}"):
         imported = import_scene(config.map, config)
         imported.scene.save(config.out)
-        picture = write_import_picture(imported, config.out.with_suffix(".png"))
+        write_import_picture(imported, picture)
     for name, text in imported.notes.items():
         console.print(f"{name:>10}: {text}", markup=False, soft_wrap=True)
     for name, path in (("scene", config.out), ("picture", picture)):

@@ -73,6 +73,32 @@ def test_refused_imports_write_nothing(cloud, tmp_path, capsys):
     assert list(out.parent.iterdir()) == []
 
 
+def test_an_import_that_cannot_be_written_leaves_nothing(tmp_path, capsys):
+    """Of two meshes the second is there already and another one: the first is not left behind."""
+    import trimesh
+
+    floor = [[(-2, -2, 0), (4, -2, 0), (4, 2, 0)], [(-2, -2, 0), (4, 2, 0), (-2, 2, 0)]]
+    boxes = [trimesh.creation.box((0.3, 0.3, h), trimesh.transformations.translation_matrix((0.8 + h, 0.7, h / 2)))
+             for h in (0.4, 0.8)]  # fmt: skip
+    corners = np.concatenate([floor, *(b.vertices[b.faces] for b in boxes)])
+    lines = [f"v {x} {y} {z}" for x, y, z in corners.reshape(-1, 3)]
+    lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(lines), 3)]
+    (tmp_path / "hall.obj").write_text("\n".join(lines))
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "hall_002.obj").write_text("another")
+    assert "is another mesh" in refused(capsys, "import", tmp_path / "hall.obj", *CROP, "--out", out / "scene.json")
+    assert [p.name for p in out.iterdir()] == ["hall_002.obj"]
+    (out / "hall_002.obj").unlink()
+    (out / "scene.png").mkdir()
+    assert "it is a folder" in refused(capsys, "import", tmp_path / "hall.obj", *CROP, "--out", out / "scene.json")
+    assert [p.name for p in out.iterdir()] == ["scene.png"]
+    (out / "scene.png").rmdir()
+    assert run("import", tmp_path / "hall.obj", *CROP, "--out", out / "scene.json") == 0
+    assert sorted(p.name for p in out.iterdir()) == ["hall_001.obj", "hall_002.obj", "scene.json", "scene.png"]
+    assert Scene.load(out / "scene.json").source.file == "hall.obj"
+
+
 def test_show_writes_a_page_of_its_own(tmp_path, capsys):
     out = tmp_path / "page.html"
     assert run("show", "beam", "family:gap:2", "--html", out) == 0
@@ -84,6 +110,27 @@ def test_show_writes_a_page_of_its_own(tmp_path, capsys):
     refused(capsys, "show", "--html", out)
     refused(capsys, "show", "beam", "--html", tmp_path / "missing" / "page.html")
     refused(capsys, "show", "beam", "--port", "99999")
+
+
+def test_names_that_look_alike_are_all_shown(tmp_path, monkeypatch):
+    from hotice.model import Obstacle
+    from hotice.model.shapes import BoxShape
+    from hotice.replay import scene_view
+
+    names = ("shelf/left", "shelf left", "shelf left (2)", "shelf left")
+    assert scene_view.viewer_names(names) == ["shelf left", "shelf left (3)", "shelf left (2)", "shelf left (4)"]
+    boxes = tuple(
+        Obstacle(name, "side", BoxShape((0.2, 0.2, 0.8)), (0.5 + 0.7 * k, 0.6, 0.4)) for k, name in enumerate(names[:3])
+    )
+    shown, add = [], scene_view._add_solid
+
+    def noted(at, *arguments):
+        shown.append(at.path.lower())
+        add(at, *arguments)
+
+    monkeypatch.setattr(scene_view, "_add_solid", noted)
+    scene_view.scene_page([Scene("a/b", obstacles=boxes)], robot=True)
+    assert len(set(shown)) == len(shown) and sum("obstacles" in path for path in shown) == 3
 
 
 def test_page_is_served(tmp_path):

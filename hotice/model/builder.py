@@ -216,10 +216,16 @@ def face_prisms(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def pinocchio_model(joints: Literal[20, 29] = 29) -> pinocchio.Model:
-    """The robot for Pinocchio: free flyer and 29 joints, or reduced to the 20 of the policy (locked at zero)."""
+    """The robot for Pinocchio: free flyer and 29 joints, or reduced to the 20 of the policy (locked at zero).
+
+    Torque limits are those of the motors, which Pinocchio does not read from MJCF.
+    """
     import pinocchio as pin
 
     model = pin.buildModelFromMJCF(g1.xml_path())
+    for motor in mujoco.MjSpec.from_file(g1.xml_path()).actuators:
+        v = model.joints[model.getJointId(motor.target)].idx_v
+        model.lowerEffortLimit[v], model.upperEffortLimit[v] = motor.ctrlrange
     if joints == 29:
         return model
     for frame in model.frames:  # a body and a site may share a name in MJCF, frames of a reduced model may not

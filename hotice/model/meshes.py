@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import warnings
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -12,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidScene
+from hotice.errors import InputError, InvalidMap, InvalidScene
+from hotice.files import read_bytes
 from hotice.model import bvh
-from hotice.model.obj_text import absolute_indices
+from hotice.model.importers.mesh_files import read_mesh
 from hotice.model.shapes import MAX_LENGTH_M
 
 MAX_FACES = 200_000
@@ -68,15 +68,12 @@ def _load(path: Path, scale: float, _mtime: int, _size: int) -> TriangleMesh:
     import trimesh
 
     try:
-        kind = path.suffix.lower().removeprefix(".")
-        content = path.read_bytes()
-        content = absolute_indices(content) if kind == "obj" else content
-        mesh = trimesh.load_mesh(io.BytesIO(content), file_type=kind, process=False, skip_materials=True)
-        if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-            raise ValueError("it holds no triangles")
-    except Exception as error:  # any parser failure on an untrusted file is the file's
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InvalidScene(f"mesh file {path} cannot be read: {reason}") from None
+        vertices, faces = read_mesh(read_bytes(path, MAX_MESH_BYTES), path.suffix.lower())
+    except (InputError, InvalidMap) as error:
+        raise InvalidScene(f"mesh file {path} cannot be read: {error}") from None
+    if not len(faces):
+        raise InvalidScene(f"mesh file {path} cannot be read: it holds no triangles")
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
     if len(mesh.faces) > MAX_FACES:
         raise InvalidScene(f"mesh file {path} has {len(mesh.faces):,} faces: decimate it to {MAX_FACES:,} at most")
     if not np.isfinite(mesh.vertices).all():

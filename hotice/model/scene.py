@@ -1,7 +1,8 @@
 """Scenes: bounds, start, goal and obstacles, and the file format hotice-scene/1.
 
 World frame W: z up, floor at z = 0. The floor is not an obstacle. A scene that exists is valid: the constructor checks
-everything that the file reader checks, each failure being one line of `InvalidScene`.
+everything that the file reader checks, each failure being one line of `InvalidScene`. An optional `source` says which map
+the scene was cut from, and where that map lies in W; files without it stay as they are.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from hotice.errors import InputError, InvalidScene, UnknownName
 from hotice.files import read_bytes
 from hotice.model.frames import quat_to_mat
 from hotice.model.shapes import MeshShape, Shape, check_keys, number, shape_from_dict, shown, vector
+from hotice.model.source import MapSource
 
 FORMAT = "hotice-scene/1"
 CATEGORIES = ("ground", "side", "overhead")
@@ -88,7 +90,8 @@ class Obstacle:
 class Scene:
     """A place to carry an object through.
 
-    `bounds_m`: lowest and highest corner in W; `start`: x, y [m], yaw [rad] of the pelvis; `goal`: x, y [m].
+    `bounds_m`: lowest and highest corner in W; `start`: x, y [m], yaw [rad] of the pelvis; `goal`: x, y [m];
+    `source`: the map it was cut from, if any.
     Raises `InvalidScene`, see the module.
     """
 
@@ -97,6 +100,7 @@ class Scene:
     start: Vec3 = (0.0, 0.0, 0.0)
     goal: tuple[float, float] = (2.0, 0.0)
     obstacles: tuple[Obstacle, ...] = ()
+    source: MapSource | None = None
 
     def __post_init__(self) -> None:
         _check_name("scene", self.name)
@@ -109,6 +113,8 @@ class Scene:
         object.__setattr__(self, "start", vector("start", self.start, 3))
         object.__setattr__(self, "goal", vector("goal", self.goal, 2))
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        if self.source is not None and not isinstance(self.source, MapSource):
+            raise InvalidScene(f"source is {shown(self.source)}: a hotice.model.source.MapSource is needed")
         _check_bounds(low, high)
         _check_names(self.obstacles)
         _check_clear(self)
@@ -139,14 +145,14 @@ class Scene:
             "start": {"position_m": list(self.start[:2]), "yaw_rad": self.start[2]},
             "goal": {"position_m": list(self.goal)},
             "obstacles": [o.to_dict() for o in self.obstacles],
-        }
+        } | ({"source": self.source.to_dict()} if self.source else {})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], folder: str | Path | None = None) -> Scene:
         """Inverse of `to_dict`; mesh files are looked up in `folder`. Raises `InvalidScene`."""
         if isinstance(data, Mapping) and data.get("format") != FORMAT:
             raise InvalidScene(f"scene format is {shown(data.get('format'))}: known is {FORMAT!r}")
-        check_keys("scene", data, ("format", "name", "bounds_m", "start", "goal", "obstacles"))
+        check_keys("scene", data, ("format", "name", "bounds_m", "start", "goal", "obstacles"), ("source",))
         check_keys("start", data["start"], ("position_m",), ("yaw_rad",))
         check_keys("goal", data["goal"], ("position_m",))
         if not isinstance(data["obstacles"], list | tuple):
@@ -156,7 +162,10 @@ class Scene:
         goal = vector("goal position_m", data["goal"]["position_m"], 2)
         base = None if folder is None else Path(folder)
         obstacles = tuple(_obstacle_from_dict(i, entry, base) for i, entry in enumerate(data["obstacles"]))
-        return cls(data["name"], data["bounds_m"], cast(Vec3, start), cast(tuple[float, float], goal), obstacles)
+        source = MapSource.from_dict(data["source"]) if "source" in data else None
+        return cls(
+            data["name"], data["bounds_m"], cast(Vec3, start), cast(tuple[float, float], goal), obstacles, source
+        )
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
@@ -176,10 +185,16 @@ class Scene:
         """
         path = Path(path)
         text = json.dumps(self.to_dict(), indent=1) + "\n"
+        written: list[Path] = []
         try:
-            for shape in {o.shape for o in self.obstacles if isinstance(o.shape, MeshShape)}:
-                _copy_mesh(shape, path.parent)
-            _write_aside(path, text.encode())
+            try:
+                for shape in sorted({o.shape for o in self.obstacles if isinstance(o.shape, MeshShape)}, key=str):
+                    written += _copy_mesh(shape, path.parent)
+                _write_aside(path, text.encode())
+            except BaseException:
+                for mesh in written:
+                    mesh.unlink(missing_ok=True)
+                raise
         except OSError as error:
             raise InvalidScene(f"{path}: cannot be written: {error.strerror or error}") from None
 
@@ -310,19 +325,21 @@ def _read_json(path: Path) -> Any:
         raise InvalidScene(f"is not JSON: {error}") from None
 
 
-def _copy_mesh(shape: MeshShape, folder: Path) -> None:
+def _copy_mesh(shape: MeshShape, folder: Path) -> list[Path]:
+    """Copies a mesh file beside a scene file; the file if it is new."""
     target = folder / shape.file
     if target.resolve() == shape.path:
-        return
+        return []
     content = shape.path.read_bytes()
     if not target.resolve().is_relative_to(folder.resolve()):
         raise InvalidScene(f"mesh file {shape.file!r} would be written outside {folder}")
     if target.exists():
         if target.read_bytes() != content:
             raise InvalidScene(f"{target} exists and is another mesh: save the scene to another folder")
-        return
+        return []
     target.parent.mkdir(parents=True, exist_ok=True)
     _write_aside(target, content)
+    return [target]
 
 
 def _write_aside(path: Path, content: bytes) -> None:

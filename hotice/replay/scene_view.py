@@ -50,7 +50,7 @@ def scene_page(scenes: Sequence[Scene], *, robot: bool = True, arrows: bool = Fa
         for n, scene in enumerate(scenes):
             row, column = divmod(n, columns)
             offset = -np.array([*np.mean(scene.bounds_m, axis=0)[:2], 0.0]) + [column * pitch[0], -row * pitch[1], 0.0]
-            at = viewer[f"{n + 1} {scene.name.replace('/', ' ')}"]
+            at = viewer[f"{n + 1} {viewer_names([scene.name])[0]}"]
             at.set_transform(_translation(offset))
             _add_scene(at, scene)
             if robot:
@@ -63,6 +63,18 @@ def scene_page(scenes: Sequence[Scene], *, robot: bool = True, arrows: bool = Fa
     finally:
         viewer.window.server_proc.kill()
         viewer.window.server_proc.wait()
+
+
+def viewer_names(names: Sequence[str]) -> list[str]:
+    """Names without slashes, at which meshcat splits paths, each different from the others."""
+    plain, taken = [name.replace("/", " ") or "unnamed" for name in names], []
+    for name in plain:
+        number, unique = 1, name
+        while unique in taken or number > 1 and unique in plain:
+            number += 1
+            unique = f"{name} ({number})"
+        taken.append(unique)
+    return taken
 
 
 def page_server(page: str, port: int) -> ThreadingHTTPServer:
@@ -122,10 +134,10 @@ def _add_scene(at: Any, scene: Scene) -> None:
     low, high = np.array(scene.bounds_m)
     floor = triangles("box", (*(0.5 * (high - low)[:2]), 0.005))
     _add_solid(at["floor"], floor[0] + [*(0.5 * (low + high)[:2]), -0.006], floor[1], FLOOR_COLOR)
-    for obstacle in scene.obstacles:
+    names = viewer_names([obstacle.name for obstacle in scene.obstacles])
+    for name, obstacle in zip(names, scene.obstacles, strict=True):
         vertices, faces = obstacle_triangles(obstacle)
         points = placed(vertices, np.array(obstacle.position_m), np.array(obstacle.quaternion_wxyz))
-        name = obstacle.name.replace("/", " ")
         _add_solid(at["obstacles"][obstacle.category][name], points, faces, CATEGORY_COLORS[obstacle.category], 0.85)
     for name, xy, color in (("start", scene.start[:2], SGF_COLOR), ("goal", scene.goal, GOAL_COLOR)):
         vertices, faces = triangles("cylinder", (0.1, 0.004), 32)
@@ -138,11 +150,11 @@ def _add_scene(at: Any, scene: Scene) -> None:
 
 def _add_robot(at: Any, scene: Scene) -> None:
     solids = start_solids(scene)
-    for g, name in enumerate(solids.geom_names):
+    for g, name in enumerate(viewer_names(solids.geom_names)):
         vertices, faces = triangles(solids.geom_types[g], tuple(solids.geom_sizes[g].tolist()))
         points = vertices @ quat_to_mat(solids.geom_quat_W[0, g]).T + solids.geom_pos_W[0, g]
         color = OBJECT_COLOR if solids.geom_is_object[g] else ROBOT_COLOR
-        _add_solid(at["robot"][name.replace("/", " ")], points, faces, color)
+        _add_solid(at["robot"][name], points, faces, color)
 
 
 def _add_arrows(at: Any, scene: Scene) -> None:

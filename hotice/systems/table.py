@@ -73,7 +73,7 @@ def with_table(scene: Scene, table: Obstacle) -> Scene:
     low, high = (np.array(b) for b in scene.bounds_m)
     low[:2], high[:2] = np.minimum(low, centre - radius)[:2], np.maximum(high, centre + radius)[:2]
     bounds = (tuple(low.tolist()), tuple(high.tolist()))
-    return Scene(scene.name, bounds, scene.start, scene.goal, (*scene.obstacles, table))  # type: ignore[arg-type]
+    return replace(scene, bounds_m=bounds, obstacles=(*scene.obstacles, table))
 
 
 def around_table(world: Scene) -> Scene:

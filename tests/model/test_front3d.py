@@ -1,4 +1,6 @@
+import hashlib
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from hotice.model.importers.front3d_scenes import (
 from hotice.model.importers.polygons import triangulated
 from hotice.model.importers.solids import MAX_BODIES, SHEET_M, VOXEL_M, solidify
 from hotice.model.shapes import BoxShape, MeshShape
+from hotice.scene_commands import main
 from tests.model import front3d_fixture as fixture
 
 HOUSE, MODELS = fixture.FOLDER / "house.json", fixture.FOLDER / "models"
@@ -333,7 +336,7 @@ def test_scenes_of_a_house_can_be_crossed_and_read_again(tmp_path):
 
 
 def test_the_command_writes_scenes_and_says_what_it_left_out(tmp_path, capsys):
-    config = Front3dConfig(house=HOUSE, models=MODELS, out=tmp_path / "out", count=1, size_m=(4.0, 2.6, 1.5))
+    config = Front3dConfig(house=HOUSE, models=(MODELS,), out=tmp_path / "out", count=1, size_m=(4.0, 2.6, 1.5))
     assert import_front3d(config) == 0
     (file,) = (tmp_path / "out").glob("*.json")
     assert load_scene(file).obstacles
@@ -341,10 +344,47 @@ def test_the_command_writes_scenes_and_says_what_it_left_out(tmp_path, capsys):
     assert "dangling reference" in printed and "absurd scale" in printed and "1 scenes" in printed
 
 
+def test_models_in_several_folders(tmp_path, capsys, house):
+    """A house whose models came in two parts; what is in neither is said as a share."""
+    first, second = tmp_path / "first", tmp_path / "second"
+    for n, folder in enumerate(sorted(MODELS.iterdir())):
+        shutil.copytree(folder, (first, second)[n % 2] / folder.name)
+    both = load_house(HOUSE, (first, second))
+    assert both.report == house.report and len(both.pieces) == len(house.pieces)
+    whole, part = house.report.missing_share, load_house(HOUSE, first).report.missing_share
+    assert whole == pytest.approx(1 / 13) and part > 0.3
+    with pytest.raises(InputError, match="no such folder"):
+        load_house(HOUSE, (first, tmp_path / "third"))
+    command = ["import-front3d", "--house", str(HOUSE), "--out", str(tmp_path / "out"), "--count", "1", "--models"]
+    for folders, share in (((first,), part), ((first, second), whole)):
+        assert main([*command, *map(str, folders)]) == 0
+        assert f"{100 * share:.0f} % of the furniture is missing" in capsys.readouterr().out
+
+
+def test_crops_know_where_the_house_lies(house, tmp_path):
+    """A point of the house's file (y up) lies in the crop where its obstacle does."""
+    scene = crop_house(SolidHouse(house, tmp_path), "c", (1.0, 1.0), (3.0, 1.4))
+    assert scene.source and scene.source.file == "house.json"
+    assert scene.source.sha256 == hashlib.sha256(HOUSE.read_bytes()).hexdigest()
+    y_up = np.array([[1.0, 0.0, -1.0], [3.0, 0.5, -1.4]])  # x, z, -y of the house
+    y_up[:, 1] += house.ground_m
+    np.testing.assert_allclose(scene.source.to_scene(y_up), [[0.0, 0.0, 0.0], [*scene.goal, 0.5]], atol=1e-6)
+    scene.save(tmp_path / "scene.json")
+    assert load_scene(tmp_path / "scene.json") == scene
+
+
+def test_a_house_without_ways_leaves_nothing(tmp_path):
+    data = fixture.house()
+    data["furniture"] = []
+    house, models = written(tmp_path, data)
+    assert import_front3d(Front3dConfig(house=house, models=(models,), out=tmp_path / "out", count=1)) == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_nothing_is_written_for_a_bad_house(tmp_path):
     house, models = written(tmp_path, "{")
     with pytest.raises(InvalidMap):
-        import_front3d(Front3dConfig(house=house, models=models, out=tmp_path / "out"))
+        import_front3d(Front3dConfig(house=house, models=(models,), out=tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
 

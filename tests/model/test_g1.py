@@ -210,6 +210,24 @@ def test_pinocchio_agrees_with_mujoco(model):
     check_pinocchio(model, other)
 
 
+@pytest.mark.parametrize("joints", [20, 29])
+def test_torque_limits_agree_in_all_simulators(joints):
+    from pydrake.multibody.plant import MultibodyPlant
+
+    model, other = builder.build_model(joints=joints, floor=False), builder.pinocchio_model(joints)
+    plant = MultibodyPlant(0.0)
+    builder.add_to_plant(plant, joints)
+    plant.Finalize()
+    for i in range(model.nu):
+        name = model.joint(int(model.actuator_trnid[i, 0])).name
+        low, high = model.actuator_forcerange[i]
+        v = other.joints[other.getJointId(name)].idx_v
+        assert (other.lowerEffortLimit[v], other.upperEffortLimit[v], other.effortLimit[v]) == (low, high, high)
+        assert plant.GetJointActuatorByName(name.removesuffix("_joint")).effort_limit() == high
+    knee = other.joints[other.getJointId("left_knee_joint")].idx_v
+    assert other.effortLimit[knee] == 139.0
+
+
 def test_pinocchio_knows_the_sites(model):
     """Keypoints are frames of the Pinocchio model too."""
     other = builder.pinocchio_model(29)

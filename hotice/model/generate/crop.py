@@ -19,6 +19,7 @@ from hotice.model.extents import extent
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.generate.traversable import check_traversable
 from hotice.model.scene import Obstacle, Scene
+from hotice.model.source import MapSource
 
 Array = NDArray[np.float64]
 SPACING_M = 0.1
@@ -106,13 +107,14 @@ def propose_ways(clearance: ClearanceMap, rng: np.random.Generator, count: int =
 
 
 def crop(
-    name: str, obstacles: Iterable[Obstacle], start: ArrayLike, goal: ArrayLike, size_m: tuple[float, float, float]
-) -> Scene:
+    name: str, obstacles: Iterable[Obstacle], start: ArrayLike, goal: ArrayLike, size_m: tuple[float, float, float],
+    source: MapSource | None = None,
+) -> Scene:  # fmt: skip
     """The scene of `size_m` (along the way, across, up) [m], centred on the way; obstacles that reach into it are kept.
 
     Args:
         name: of the scene. obstacles: in H. size_m: full extent of the bounds.
-        start: x, y in H [m]. goal: x, y in H [m].
+        start: x, y in H [m]. goal: x, y in H [m]. source: the map that H was made of, if any; the crop keeps it.
 
     Raises:
         InvalidScene: start and goal coincide or do not lie inside the size, or an obstacle stands on one of them.
@@ -135,7 +137,9 @@ def crop(
         bottom, top = extent(moved)
         if (bottom < high).all() and (top > low).all():
             kept.append(moved)
-    return Scene(name, (tuple(low.tolist()), tuple(high.tolist())), (0.0, 0.0, 0.0), (length, 0.0), tuple(kept))
+    moved_source = source and source.moved(quat_rotate(quat_WH, -p_HW), quat_WH)
+    bounds = (tuple(low.tolist()), tuple(high.tolist()))
+    return Scene(name, bounds, (0.0, 0.0, 0.0), (length, 0.0), tuple(kept), moved_source)
 
 
 def why_blocked(obstacles: Iterable[Obstacle], way: Way) -> str:

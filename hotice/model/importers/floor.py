@@ -1,13 +1,14 @@
 """The floor of a measured map: a plane by random sampling, refined by least squares.
 
 Map frame M: as the file has it, its z axis roughly up. The fit turns M by the smallest rotation that makes the floor level
-and lifts it to z = 0: p_W = R_WM p_M - height e_z. So x and y of W are those of the map up to the tilt.
+and lifts it to z = 0: p_W = R_WM (p_M - origin_M) - height e_z. So x and y of W are those of the map up to the tilt; the
+origin is that of the map, but where the map lies far from it (survey coordinates, altitude above the sea).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,21 +25,35 @@ CELL_M = 0.08
 LEVEL_SHARE, CONTRAST, MIN_AREA_M2 = 0.3, 3.0, 0.5
 """The floor is the lowest level of at least this share of the largest one, stands out from what is near above and below
 by this factor, and has at least this area."""
+LEANING_AREA_M2 = 2.0
 _TRIALS, _SAMPLE = 2000, 20_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Floor:
-    """`R_WM` (3, 3); `height_m` of the floor along W's z before it is lifted; `noise_m` standard deviation about it."""
+    """`R_WM` (3, 3); `height_m` of the floor along W's z before it is lifted; `noise_m` standard deviation about it.
+
+    `origin_M` (3,) [m]: the place that M is turned about, and below which W has its origin.
+    """
 
     R_WM: NDArray[np.float64]
     height_m: float
     noise_m: float
+    origin_M: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def given(cls) -> Floor:
         """The floor is z = 0 of the map."""
         return cls(R_WM=np.eye(3), height_m=0.0, noise_m=0.0)
+
+    def about(self, origin_M: NDArray[np.float64]) -> Floor:
+        """The floor of a map of which `origin_M` (3,) was subtracted before this one was fitted."""
+        return replace(self, origin_M=self.origin_M + origin_M)
+
+    @property
+    def position_m(self) -> NDArray[np.float64]:
+        """M's origin in W, (3,): p_W = R_WM p_M + position."""
+        return self.to_world(np.zeros(3))
 
     @property
     def tilt_rad(self) -> float:
@@ -47,12 +62,13 @@ class Floor:
 
     def to_world(self, p_M: Points) -> Points:
         """(..., 3) in M -> (..., 3) in W [m]."""
-        return p_M @ self.R_WM.T - [0.0, 0.0, self.height_m]
+        return (p_M - self.origin_M) @ self.R_WM.T - [0.0, 0.0, self.height_m]
 
     def place_to_world(self, xy_M: tuple[float, float], yaw_rad: float = 0.0) -> tuple[float, float, float]:
         """A place on the floor and a heading given in the map's x, y -> x, y [m], yaw [rad] in W."""
         normal = self.R_WM[2]
-        on_floor = np.array([*xy_M, (self.height_m - normal[:2] @ xy_M) / normal[2]])
+        xy = np.array(xy_M) - self.origin_M[:2]
+        on_floor = self.origin_M + [*xy, (self.height_m - normal[:2] @ xy) / normal[2]]
         ahead = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0.0])
         ahead[2] = -normal[:2] @ ahead[:2] / normal[2]
         x, y, _ = self.to_world(on_floor)
@@ -60,24 +76,25 @@ class Floor:
         return float(x), float(y), math.atan2(dy, dx)
 
 
-def fit_floor(p_M: Points, seed: int = 0) -> Floor:
+def fit_floor(p_M: Points, seed: int = 0, thin: Points | None = None) -> Floor:
     """The floor under a map's points (n, 3) [m].
 
     The largest plane that is level within 20 degrees gives the direction; of all levels along it the floor is the lowest
     large one (not the ceiling, not a table). Exact for points without noise. Raises `InvalidMap` where no level stands out.
+
+    Args:
+        p_M: the points. seed: of the sampling. thin: the points thinned by `CELL_M`, where that is done already.
     """
-    rng = np.random.default_rng(seed)
-    thin = thinned(p_M, CELL_M)
-    if len(thin) > _SAMPLE:
-        thin = thin[rng.choice(len(thin), _SAMPLE, replace=False)]
-    if len(thin) < 50:
-        raise _no_floor(f"the points fill only {len(thin)} cells of {100 * CELL_M:g} cm")
-    triples = rng.integers(0, len(thin), (_TRIALS, 3))
+    thin = _sample(thinned(p_M, CELL_M) if thin is None else thin, seed)
+    triples = np.random.default_rng(seed).integers(0, len(thin), (_TRIALS, 3))
     counts, normals = _try_planes(thin, triples, BAND_M, math.cos(MAX_TILT_RAD))
     best = int(np.argmax(counts))
     if counts[best] == 0:
-        raise _no_floor("no three points lie level within 20 degrees")
-    normal, height = _lowest_level(thin, normals[best])
+        raise _no_floor(f"no three points lie level within 20 degrees{_leaning(thin, triples)}")
+    try:
+        normal, height = _lowest_level(thin, normals[best])
+    except InvalidMap as error:
+        raise InvalidMap(f"{error}{_leaning(thin, triples)}") from None
     band = 2 * BAND_M
     for _ in range(4):
         near = thin[np.abs(thin @ normal - height) < band]
@@ -91,6 +108,29 @@ def fit_floor(p_M: Points, seed: int = 0) -> Floor:
     residual = p_M @ normal - height
     residual = residual[np.abs(residual) < BAND_M]
     return Floor(R_WM=_level(normal), height_m=height, noise_m=_spread(residual))
+
+
+def _sample(thin: Points, seed: int) -> Points:
+    """At most `_SAMPLE` of the points. Raises `InvalidMap` for too few."""
+    if len(thin) > _SAMPLE:
+        thin = thin[np.random.default_rng(seed).choice(len(thin), _SAMPLE, replace=False)]
+    if len(thin) < 50:
+        raise _no_floor(f"the points fill only {len(thin)} cells of {100 * CELL_M:g} cm")
+    return thin
+
+
+def _leaning(thin: Points, triples: NDArray[np.int64]) -> str:
+    """What to do about the largest plane that leans by 20 to 65 degrees, where it is large enough for a floor."""
+    counts, normals = _try_planes(thin, triples, BAND_M, math.cos(math.radians(65.0)))
+    best = int(np.argmax(counts))
+    if counts[best] * CELL_M**2 < LEANING_AREA_M2:
+        return ""
+    x, y, z = normals[best]
+    roll, pitch = math.degrees(math.atan2(y, z)), math.degrees(math.atan2(-x, math.hypot(y, z)))
+    return (
+        f". The largest plane ({counts[best] * CELL_M**2:.1f} m2) leans by {math.degrees(math.acos(z)):.0f} degrees: "
+        f"if it is the floor, add --turn-deg {roll:.1f} {pitch:.1f}"
+    )
 
 
 def _spread(residual: NDArray[np.float64]) -> float:

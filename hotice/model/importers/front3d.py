@@ -10,10 +10,11 @@ The data are as people made them: what cannot be used is left out and counted, b
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from hotice.files import read_bytes
 from hotice.model.frames import quat_rotate, quat_to_mat
 from hotice.model.importers.meshes import read_triangles
 from hotice.model.importers.polygons import triangulated, unit_normals
+from hotice.model.source import MapSource
 
 MAX_JSON_BYTES = 256 * 2**20
 MAX_MODEL_BYTES = 128 * 2**20
@@ -35,6 +37,7 @@ SCALE_RANGE = (0.01, 5.0)
 SIZE_RANGE_M = (0.01, 8.0)
 """Of the longest side of a placed piece of furniture."""
 FARTHEST_M = 1000.0
+MISSING = "missing model"
 JID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
 NOT_FINITE = re.compile(rb"^v\b.*\b(nan|inf)", re.IGNORECASE | re.MULTILINE)
 
@@ -49,6 +52,12 @@ class Front3dReport:
     used: Mapping[str, int]
     dropped: Mapping[str, int]
     mended: Mapping[str, int]
+
+    @property
+    def missing_share(self) -> float:
+        """Share of the placed pieces of furniture whose model is in none of the folders, 0 to 1."""
+        missing = self.dropped.get(MISSING, 0)
+        return missing / max(missing + self.used.get("furniture", 0), 1)
 
     def rows(self) -> list[tuple[str, str, int]]:
         """(used, dropped or mended; kind or reason; number), for printing."""
@@ -89,20 +98,35 @@ class House:
     pieces: tuple[PlacedMesh, ...]
     floors: tuple[Floor, ...]
     report: Front3dReport
+    ground_m: float = 0.0
+    """Height of the largest floor in the file."""
+    source: MapSource | None = None
 
 
-def load_house(json_path: str | Path, models_folder: str | Path) -> House:
-    """Reads a house and the models that it places.
+def load_house(json_path: str | Path, models_folders: str | Path | Sequence[str | Path]) -> House:
+    """Reads a house and the models that it places, each from the first of the folders that has it.
 
     Raises:
-        InputError: a file is missing, too large or unreadable, or the models' folder is missing.
+        InputError: a file is missing, too large or unreadable, or a folder of models is missing.
         InvalidMap: the file is not a house: no JSON, nested too deeply, without rooms, or without any floor.
     """
-    json_path, models = Path(json_path), Path(models_folder)
-    if not models.is_dir():
-        raise InputError(f"{models}: no such folder of models (it holds <jid>/raw_model.obj)")
+    single = isinstance(models_folders, str | Path)
+    json_path, models = Path(json_path), tuple(map(Path, [models_folders] if single else models_folders))
+    for folder in models:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder of models (it holds <jid>/raw_model.obj)")
+    content = read_bytes(json_path, MAX_JSON_BYTES)
     try:
-        return _Loader(_read_json(json_path), models).house(json_path.stem)
+        house = _Loader(_parsed(content), models).house(json_path.stem)
+        digest = hashlib.sha256(content).hexdigest()
+        source = MapSource.of(
+            file=json_path.name,
+            sha256=digest,
+            unit_m=1.0,
+            R_WM=_z_up(np.eye(3)).T,
+            position_m=(0.0, 0.0, -house.ground_m),
+        )
+        return replace(house, source=source)
     except InvalidMap as error:
         raise InvalidMap(f"{json_path}: {error}") from None
 
@@ -114,7 +138,7 @@ class _Defect(Exception):
 class _Loader:
     """Places the entries of a parsed house and counts what it leaves out."""
 
-    def __init__(self, data: Any, models: Path) -> None:
+    def __init__(self, data: Any, models: tuple[Path, ...]) -> None:
         self.models = models
         self.used, self.dropped, self.mended = Counter[str](), Counter[str](), Counter[str]()
         self.furniture = self._by_uid(_list(data, "furniture"))
@@ -142,7 +166,7 @@ class _Loader:
         pieces = [_lowered(p, ground) for p in self.pieces]
         floors = [replace(f, height_m=f.height_m - ground) for f in self.floors]
         report = Front3dReport(used=dict(self.used), dropped=dict(self.dropped), mended=dict(self.mended))
-        return House(name=name, pieces=tuple(pieces), floors=tuple(floors), report=report)
+        return House(name=name, pieces=tuple(pieces), floors=tuple(floors), report=report, ground_m=ground)
 
     def _try(self, place, *arguments: Any) -> None:
         try:
@@ -226,11 +250,11 @@ class _Loader:
         return result
 
     def _read_model(self, jid: str, entry: Mapping[str, Any]) -> Points:
-        raw, normalized = (self.models / jid / f"{kind}_model.obj" for kind in ("raw", "normalized"))
-        path = raw if raw.exists() else normalized
-        if not path.exists():
-            raise _Defect("missing model")
-        if not path.resolve().is_relative_to(self.models.resolve()):
+        places = [(f, f / jid / f"{kind}_model.obj") for kind in ("raw", "normalized") for f in self.models]
+        folder, path = next(((f, p) for f, p in places if p.exists()), (None, None))
+        if folder is None or path is None:
+            raise _Defect(MISSING)
+        if not path.resolve().is_relative_to(folder.resolve()):
             raise _Defect("model outside the models' folder")
         try:
             content = read_bytes(path, MAX_MODEL_BYTES)
@@ -239,9 +263,9 @@ class _Loader:
             raise _Defect("unreadable model") from None
         if NOT_FINITE.search(content):
             self.mended["model with non-finite vertices"] += 1
-        if path == normalized:
+        if path.name.startswith("normalized"):
             self.mended["normalized model scaled to its size"] += 1
-            return _sized(corners, _numbers(entry.get("size"), 3, "missing model"))
+            return _sized(corners, _numbers(entry.get("size"), 3, MISSING))
         return corners
 
     def _triangles(self, entry: Mapping[str, Any]) -> Points:
@@ -271,9 +295,9 @@ class _Loader:
         return corners[good]
 
 
-def _read_json(path: Path) -> Any:
+def _parsed(content: bytes) -> Any:
     try:
-        return json.loads(read_bytes(path, MAX_JSON_BYTES).decode())
+        return json.loads(content.decode())
     except RecursionError:
         raise InvalidMap("is nested too deeply") from None
     except ValueError as error:
@@ -322,7 +346,7 @@ def _sized(corners: Points, size: Points) -> Points:
     """A model fitted to its size along each axis, standing on the origin, y up."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     if not (np.isfinite(size).all() and size.min() > 0.0 and (high - low).min() > 0.0):
-        raise _Defect("missing model")
+        raise _Defect(MISSING)
     foot = np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
     return (corners - foot) * (size / (high - low))
 

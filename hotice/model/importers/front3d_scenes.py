@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,6 +35,7 @@ from hotice.model.importers.meshes import export_obj, sample_surface
 from hotice.model.importers.solids import MAX_BODIES, Solid, boxed, solidify
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape, MeshShape
+from hotice.model.source import MapSource
 
 TOUCHED_M = (0.03, 1.3)
 """Heights above the floor between which a robot touches things."""
@@ -129,17 +131,17 @@ def crop_house(solids: SolidHouse, name: str, start: ArrayLike, goal: ArrayLike,
     below, beyond = (f.height_m for f in floors if f)
     if abs(below - beyond) > LEVEL_M:
         raise InvalidScene(f"start and goal are on floors at {below:.2f} m and {beyond:.2f} m: one level is needed")
-    return crop(name, _near(solids, start, goal, size_m, below), start, goal, size_m)
+    return crop(name, _near(solids, start, goal, size_m, below), start, goal, size_m, _source(solids.house, below))
 
 
 def front3d_scenes(
-    json_path: str | Path, models_folder: str | Path, folder: str | Path, *, count: int, seed: int = 0,
-    size_m: Size = LARGE_M,
+    json_path: str | Path, models_folders: str | Path | Sequence[str | Path], folder: str | Path, *, count: int,
+    seed: int = 0, size_m: Size = LARGE_M,
 ) -> Front3dScenes:  # fmt: skip
     """Up to `count` scenes of a house, `front3d_<house>_<number>`, whose ways pass furniture and can be crossed.
 
     Args:
-        json_path: see `load_house`. models_folder: see `load_house`.
+        json_path: see `load_house`. models_folders: see `load_house`.
         folder: for the obstacles' mesh files; created once the house is read.
         count: scenes wanted; a small house may hold fewer different ways. seed: of the order in which ways are tried.
         size_m: of the crops, at least 3 m along the way.
@@ -153,7 +155,7 @@ def front3d_scenes(
             f"{count} scenes of seed {seed} and size {size_m}: at least 1, of a seed of at least 0 and a size of "
             "3 to 10 m along the way, 2 to 10 m across and 1.5 to 3 m up, are allowed"
         )
-    house = load_house(json_path, models_folder)
+    house = load_house(json_path, models_folders)
     solids, rejected = SolidHouse(house, folder), Counter[str]()
     rng = np.random.default_rng([seed, zlib.crc32(house.name.encode())])
     ways = [(level, way) for level in _levels(house) for way in propose_ways(level_clearance(house, level), rng)]
@@ -174,7 +176,8 @@ def front3d_scenes(
             rejected["not traversable" if "stopped" in reason else "start or goal is not free"] += 1
             continue
         name = f"front3d_{_word(house.name)[:8]}_{len(scenes) + seed * 1000:03d}"
-        scenes.append(crop(name, near, way.start, way.goal, size_m))
+        source = _source(house, level[0].height_m)
+        scenes.append(crop(name, near, way.start, way.goal, size_m, source))
     return Front3dScenes(scenes=tuple(scenes), report=house.report, solids=dict(solids.solids), rejected=dict(rejected))
 
 
@@ -225,6 +228,11 @@ def _near(solids: SolidHouse, start: ArrayLike, goal: ArrayLike, size_m: Size, f
     return solids.obstacles(low, high, floor_m)
 
 
+def _source(house: House, floor_m: float) -> MapSource | None:
+    """Where the house's file lies in a frame that has one of its floors at z = 0."""
+    return house.source and house.source.moved((0.0, 0.0, -floor_m), (1.0, 0.0, 0.0, 0.0))
+
+
 def _on(floor: Floor, p: Array) -> NDArray[np.bool_]:
     """Whether points (n, 2) lie on the floor, its border included."""
     result = np.zeros(len(p), dtype=bool)
@@ -255,8 +263,8 @@ class Front3dConfig:
 
     house: Path
     """JSON file of the house."""
-    models: Path
-    """Folder of models, <jid>/raw_model.obj."""
+    models: tuple[Path, ...]
+    """Folders of models, <jid>/raw_model.obj; several where the data set came in parts."""
     out: Path = Path("scenes")
     """Folder for one file per scene and the meshes that they share."""
     count: int = 10
@@ -276,11 +284,13 @@ def import_front3d(config: Front3dConfig) -> int:
     from rich.table import Table
 
     console = Console(highlight=False)
-    with console.status(f"importing {config.house}"):
+    with console.status(f"importing {config.house}"), tempfile.TemporaryDirectory(prefix="hotice-import-") as folder:
         found = front3d_scenes(
-            config.house, config.models, config.out,
+            config.house, config.models, folder,
             count=config.count, seed=config.seed, size_m=config.size_m,
         )  # fmt: skip
+        if found.scenes:
+            make_folder(config.out)
         for scene in found.scenes:
             scene.save(config.out / f"{scene.name}.json")
     table = Table("", "", "number", title=f"{config.house.name}: {len(found.scenes)} scenes in {config.out}")
@@ -288,4 +298,11 @@ def import_front3d(config: Front3dConfig) -> int:
     for part, reason, number in [*rows, *(("way rejected", k, n) for k, n in sorted(found.rejected.items()))]:
         table.add_row(part, reason, str(number))
     console.print(table)
+    if share := found.report.missing_share:
+        folders = ", ".join(map(str, config.models))
+        console.print(
+            f"{100 * share:.0f} % of the furniture is missing: its models are not in {folders}; where the data set came in "
+            "parts, give all of them (--models A B ...)",
+            markup=False, soft_wrap=True,
+        )  # fmt: skip
     return 0 if found.scenes else 1

@@ -6,7 +6,6 @@ like a cloud of points.
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import cast
 
@@ -15,11 +14,14 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
 from hotice.files import write_text
-from hotice.model.obj_text import absolute_indices
+from hotice.model.importers.mesh_files import read_mesh
 
 Points = NDArray[np.float64]
+Body = tuple[Points, NDArray[np.int64]]
 MESH_SUFFIXES = (".glb", ".obj", ".off", ".ply", ".stl")
 MAX_FACES = 5_000_000
+FARTHEST = 1e8
+"""Corners with larger coordinates are strays, in any unit."""
 MAX_BODY_FACES = 4000
 """Faces of all bodies that stay meshes: what the simulator's exact collisions allow for one."""
 
@@ -29,22 +31,13 @@ def read_triangles(content: bytes, suffix: str) -> NDArray[np.float64]:
 
     Triangles that are not finite or have no area are left out. Raises `InvalidMap` when no others are there.
     """
-    import trimesh
-
-    try:
-        content = absolute_indices(content) if suffix == ".obj" else content
-        scene = trimesh.load_scene(
-            io.BytesIO(content), file_type=suffix.removeprefix("."), process=False, skip_materials=True
-        )
-        mesh = scene.to_mesh()
-        corners = np.asarray(mesh.vertices, dtype=np.float64)[np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)]
-    except Exception as error:  # any failure of a parser on an untrusted file is the file's
-        raise InvalidMap(f"cannot be read: {' '.join(str(error).split())[:200] or type(error).__name__}") from None
+    vertices, faces = read_mesh(content, suffix)
+    corners = vertices[faces]
     if len(corners) > MAX_FACES:
         raise InvalidMap(f"has {len(corners):,} faces: decimate it to {MAX_FACES:,} at most")
     with np.errstate(all="ignore"):
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        corners = corners[np.isfinite(area) & (area > 0.0) & (np.abs(corners).max(axis=(1, 2)) < 1e6)]
+        corners = corners[np.isfinite(area) & (area > 0.0) & (np.abs(corners).max(axis=(1, 2)) < FARTHEST)]
     if not len(corners):
         raise InvalidMap("holds no triangles of finite size")
     return corners
@@ -72,26 +65,36 @@ def sample_surface(corners: NDArray[np.float64], spacing_m: float, low: Points, 
 
 def split_bodies(
     corners: NDArray[np.float64], max_faces: int = MAX_BODY_FACES
-) -> tuple[list[tuple[Points, NDArray[np.int64]]], NDArray[np.float64]]:
+) -> tuple[list[Body], NDArray[np.float64]]:
     """Closed bodies, each vertices (V, 3) and faces (F, 3) seen counter-clockwise from outside, and all other triangles.
 
     Corners at the same place are one vertex. Bodies are taken from small to large while all together stay within
     `max_faces`.
     """
+    return closed_bodies(corners, None, max_faces)
+
+
+def closed_bodies(
+    corners: NDArray[np.float64], near: NDArray[np.bool_] | None, max_faces: int | None = None
+) -> tuple[list[Body], NDArray[np.float64]]:
+    """`split_bodies` of what has a triangle `near` (F,); a body comes whole, of all others only the triangles near."""
     import trimesh
 
+    near = np.ones(len(corners), dtype=bool) if near is None else near
     vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     mesh = trimesh.Trimesh(vertices, faces.reshape(-1, 3), process=False)
     label = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
-    size = np.bincount(label)
-    loose = np.ones(len(corners), dtype=bool)
-    bodies, budget = [], max_faces
+    size, wanted = np.bincount(label), np.bincount(label, near) > 0
+    loose = near.copy()
+    bodies, budget = [], len(corners) if max_faces is None else max_faces
+    order = np.argsort(label, kind="stable")
+    first = np.concatenate([[0], np.cumsum(size)])
     for k in np.argsort(size, kind="stable"):
         if size[k] > budget:
             break
-        if size[k] < 4:
+        if size[k] < 4 or not wanted[k]:
             continue
-        part = np.flatnonzero(label == k)
+        part = np.sort(order[first[k] : first[k + 1]])
         body = cast(trimesh.Trimesh, mesh.submesh([part], append=True, repair=False))
         if body.is_watertight and body.is_winding_consistent and abs(body.volume) > 1e-9:
             if body.volume < 0.0:
@@ -102,12 +105,10 @@ def split_bodies(
     return bodies, corners[loose]
 
 
-def walkable(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The triangles (F, 3, 3) that may be floor: of closed bodies those that look up, of the rest all."""
-    bodies, loose = split_bodies(corners, len(corners))
-    closed = np.concatenate([np.empty((0, 3, 3)), *(vertices[faces] for vertices, faces in bodies)])
-    normal_z = np.cross(closed[:, 1] - closed[:, 0], closed[:, 2] - closed[:, 0])[:, 2]
-    return np.concatenate([loose, closed[normal_z > 0.0]])
+def upper_side(body: Body) -> NDArray[np.float64]:
+    """The triangles (F, 3, 3) of a solid body that look up: what one may stand on."""
+    corners = body[0][body[1]]
+    return corners[np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0.0]
 
 
 def export_obj(path: Path, vertices: Points, faces: NDArray[np.int64]) -> None:

@@ -8,6 +8,8 @@ from typing import Literal
 
 from hotice.errors import InvalidConfig
 
+FAR_M = 1000.0
+"""A map farther from its origin is a surveyor's: its scene has an origin of its own."""
 Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 
 
@@ -20,13 +22,17 @@ class ImportOptions:
     goal: tuple[float, float]
     """x, y [m]."""
     frame: Literal["floor", "map"] = "floor"
-    """What start and goal refer to: the level frame that the scene gets, or the map's own (after unit and up axis)."""
+    """What start and goal refer to: the level frame that the scene gets, or the map's own (after unit, up axis and turn).
+
+    Farther than 1 km from the map's origin only `map` is possible; the scene then has its origin at the start."""
     size_m: tuple[float, float, float] | None = None
     """Extent of the crop about the middle of start and goal; by default 1 m beyond both, 1.5 m high."""
     voxel_m: float = 0.04
     """Edge of the voxels that boxes are made of."""
     up: Up = "auto"
-    """The map's axis that points up; auto: y for GLB, else z."""
+    """The map's axis that points up; auto: y for GLB, else z, or -z for a cloud that is upside down."""
+    turn_deg: tuple[float, float] = (0.0, 0.0)
+    """Roll and pitch [degrees]: the map is turned by them about its x, then its y axis; for sensors mounted at a slant."""
     scale: float = 1.0
     """Metres per unit of the file."""
     floor: Literal["fit", "given"] = "fit"
@@ -39,12 +45,20 @@ class ImportOptions:
     """Name of the scene; by default the file's."""
 
     def __post_init__(self) -> None:
-        numbers = {"start": self.start, "goal": self.goal, "scale": (self.scale,), "voxel_m": (self.voxel_m,)}
-        for what, values in {**numbers, "size_m": self.size_m or ()}.items():
+        numbers = {"scale": (self.scale,), "voxel_m": (self.voxel_m,), "size_m": self.size_m or ()}
+        for what, values in {**numbers, "turn_deg": self.turn_deg}.items():
             if not all(math.isfinite(v) and abs(v) <= 1e4 for v in values):
                 raise InvalidConfig(f"{what} is {values!r}: finite numbers of at most 10,000 are needed")
+        for what, values in {"start": self.start, "goal": self.goal}.items():
+            if not all(math.isfinite(v) and abs(v) <= 1e8 for v in values):
+                raise InvalidConfig(f"{what} is {values!r}: finite numbers of at most 100,000 km are needed")
         if len(self.start) not in (2, 3):
             raise InvalidConfig(f"start is {self.start!r}: X Y or X Y YAW is needed")
+        if self.frame == "floor" and max(map(abs, (*self.start[:2], *self.goal))) > FAR_M:
+            raise InvalidConfig(
+                f"start {self.start!r} or goal {self.goal!r} is more than {FAR_M:g} m from the origin: give them as the map "
+                "has them and add --frame map, by which the scene has its origin at the start"
+            )
         if not 0.01 <= self.voxel_m <= 0.2:
             raise InvalidConfig(f"voxel_m is {self.voxel_m!r}: 0.01 to 0.2 m are allowed")
         if not self.scale >= 1e-4:

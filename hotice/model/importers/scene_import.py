@@ -2,52 +2,67 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import math
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import HoticeError, InvalidMap
+from hotice.errors import HoticeError, InvalidMap, InvalidScene
 from hotice.files import read_bytes
 from hotice.model.extents import category_by_height
+from hotice.model.frames import quat_from_axis_angle, quat_to_mat
 from hotice.model.importers import ply
+from hotice.model.importers.bodies import Body, inside, rooms_and_solids
 from hotice.model.importers.floor import Floor, fit_floor
 from hotice.model.importers.meshes import (
+    MAX_BODY_FACES,
     MESH_SUFFIXES,
     export_obj,
     read_triangles,
     sample_surface,
-    split_bodies,
-    walkable,
+    upper_side,
 )
-from hotice.model.importers.options import ImportOptions
+from hotice.model.importers.options import FAR_M, ImportOptions
 from hotice.model.importers.pcd import read_pcd
+from hotice.model.importers.upright import TURNED, fit_upright
 from hotice.model.importers.voxels import Voxels, column_extent, cover_by_boxes, occupied
-from hotice.model.scene import Obstacle, Scene
+from hotice.model.scene import COLUMN_HEIGHTS_M, Obstacle, Scene
 from hotice.model.shapes import BoxShape, MeshShape
+from hotice.model.source import MapSource
 
 Points = NDArray[np.float64]
 MAX_MAP_BYTES = 2 * 2**30
 MAX_BOXES = 2000
-NEAR_M = 6.0
-"""The floor is fitted to what lies within this distance of start and goal, so that ramps and other storeys do not count."""
+NEAR_M, STOREYS_M = 6.0, 50.0
+"""The floor is fitted to what lies within this distance of start and goal, and of the middle height there, so that ramps,
+other storeys and strays do not count."""
+ALTITUDE_M = 10.0
+"""A map whose points lie higher is turned about a place among them, not about its origin."""
+RESOLVED_M = 0.005
 MARGIN_M, HEIGHT_M = 1.0, 1.5
 """Default crop: this far beyond start and goal, and this high."""
 MIN_BAND_M, MAX_BAND_M = 0.015, 0.05
 """Points this near the floor are floor; in between it is three standard deviations of the noise about it."""
 FLOOR_AREA_M2 = 0.5
-"""A closed body with more than this in the floor's plane holds the floor and does not stay a mesh."""
+"""A closed body with more than this to stand on in the floor's plane holds the floor and does not stay a mesh."""
+BELOW_M, BELOW_SHARE = 2.5, 0.2
+"""Where more lies this far below the floor than above it, and that share of everything, the floor is none."""
+STANDING_M = 0.12
+"""Room that a robot takes at the least, about its middle."""
 KEPT, FLOOR, NOISE = 0, 1, 2
 _UP = {
     "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]], "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
     "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
     "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
 }  # fmt: skip
-_folders: list[tempfile.TemporaryDirectory[str]] = []  # meshes of scenes not saved yet, kept until the program ends
+_folders: list[contextlib.ExitStack] = []  # meshes of scenes not saved yet, kept until the program ends
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +70,7 @@ class Imported:
     """A scene and what it was made of.
 
     `points_W` (n, 3) all points within the crop, `group` (n,) each KEPT, FLOOR or NOISE; `notes` what was found and left
-    out, by name.
+    out, by name; `floor` of the map, which was turned upside down before where `upside_down`.
     """
 
     scene: Scene
@@ -63,10 +78,11 @@ class Imported:
     points_W: Points
     group: NDArray[np.int8]
     notes: dict[str, str]
+    upside_down: bool = False
 
 
 def import_scene(path: str | Path, options: ImportOptions) -> Imported:
-    """A scene from a .pcd or .ply cloud, or an .obj, .stl, .off, .glb or .ply mesh.
+    """A scene from a .pcd or .ply cloud, or an .obj, .stl, .off, .glb or .ply mesh; its `source` says how it lies in it.
 
     Raises `InputError`, `InvalidMap` or `InvalidScene`, each naming the file.
     """
@@ -75,38 +91,62 @@ def import_scene(path: str | Path, options: ImportOptions) -> Imported:
     if suffix != ".pcd" and suffix not in MESH_SUFFIXES:
         raise InvalidMap(f"{path}: format {path.suffix!r} is unknown: known are .pcd, {', '.join(MESH_SUFFIXES)}")
     content = read_bytes(path, MAX_MAP_BYTES)
-    turn = options.scale * np.array(
-        _UP["y" if options.up == "auto" and suffix == ".glb" else options.up.replace("auto", "z")]
-    )
+    R_MF = _turn(options, suffix)
     name = options.name or path.stem
     try:
-        if suffix == ".pcd":
-            return from_points(read_pcd(content) @ turn.T, options, name)
-        if suffix == ".ply" and not ply.read_header(content).faces:
-            return from_points(ply.read_ply(content) @ turn.T, options, name)
-        return from_triangles(read_triangles(content, suffix) @ turn.T, options, name)
+        if suffix == ".pcd" or suffix == ".ply" and not ply.read_header(content).faces:
+            p_F = read_pcd(content) if suffix == ".pcd" else ply.read_ply(content)
+            imported = from_points(options.scale * _resolved(p_F, options.scale) @ R_MF.T, options, name)
+        else:
+            corners = read_triangles(content, suffix)
+            imported = from_triangles(options.scale * corners @ R_MF.T, options, name)
+        floor = imported.floor
+        source = MapSource.of(
+            file=path.name, sha256=hashlib.sha256(content).hexdigest(), unit_m=options.scale,
+            R_WM=floor.R_WM @ (TURNED if imported.upside_down else np.eye(3)) @ R_MF, position_m=floor.position_m,
+        )  # fmt: skip
+        return replace(imported, scene=replace(imported.scene, source=source))
     except HoticeError as error:
         raise type(error)(f"{path}: {error}") from None
 
 
 def from_points(p_M: Points, options: ImportOptions, name: str) -> Imported:
-    """A scene from points (n, 3) in the map's frame [m], z roughly up. Raises `InvalidMap` or `InvalidScene`."""
+    """A scene from points (n, 3) in the map's frame [m], z roughly up. Raises `InvalidMap` or `InvalidScene`.
+
+    With `up` auto, points that hang upside down are turned.
+    """
     finite = p_M[np.isfinite(p_M).all(axis=1)]
-    near = finite[_near(finite, options)]
+    near = finite[_near(finite[None], options)]
     if len(near) < 100:
         raise InvalidMap(
             f"{len(p_M):,} points, {len(finite):,} of them finite and {len(near):,} within {NEAR_M:g} m of start and goal: "
             "at least 100 are needed there; check start, goal and unit"
         )
-    floor = fit_floor(near) if options.floor == "fit" else Floor.given()
+    origin = _origin(near, options)
+    if options.floor == "given":
+        floor = Floor.given()
+    elif options.up != "auto":
+        floor = fit_floor(near - origin)
+    else:
+        upside_down, floor = fit_upright(near - origin)
+        if upside_down:
+            return _turned_over(p_M, options, name)
+    floor = floor.about(origin)
     start, goal, low, high = _crop(floor, options)
     p_W = floor.to_world(near)
     p_W = p_W[((p_W >= [*low[:2], -np.inf]) & (p_W < high)).all(axis=1)]
-    boxes, group = _boxes(p_W, low, high, floor, options, noisy=True)
+    if options.floor == "fit":
+        _check_above(p_W, options)
+    boxes, group = _boxes(p_W, low, high, floor, options, (start[:2], goal))
     notes = {
         "points": f"{len(p_M):,}, {len(p_M) - len(finite):,} not finite, {len(p_W):,} in the crop",
         **_notes(floor, group, boxes),
     }
+    if not boxes:
+        raise InvalidMap(
+            f"gives no obstacle: of {len(p_W):,} points in the crop none is more than floor or noise; make the crop larger "
+            "(--size-m), or check start, goal, unit and up axis"
+        )
     scene = Scene(name, _bounds(low, high), start, goal, tuple(boxes))
     return Imported(scene=scene, floor=floor, points_W=p_W, group=group, notes=notes)
 
@@ -114,38 +154,117 @@ def from_points(p_M: Points, options: ImportOptions, name: str) -> Imported:
 def from_triangles(corners_M: NDArray[np.float64], options: ImportOptions, name: str) -> Imported:
     """A scene from triangles (F, 3, 3) in the map's frame [m], z roughly up. Raises `InvalidMap` or `InvalidScene`.
 
-    Closed bodies without the floor in them stay exact meshes; of the rest the surface is sampled.
+    Closed bodies stay exact meshes, also where they reach beyond the crop; those with too many faces, or with the floor in
+    them, become boxes, inside as well. Of the rest, rooms included, the surface is sampled.
     """
-    places = np.array([options.start[:2], options.goal])
-    low, high = np.array([[*(places.min(axis=0) - NEAR_M), -50.0], [*(places.max(axis=0) + NEAR_M), 50.0]])
-    near = corners_M[((corners_M.max(axis=1) >= low) & (corners_M.min(axis=1) <= high)).all(axis=1)]
-    if not len(near):
+    near = _near(corners_M.transpose(1, 0, 2), options)
+    if not near.any():
         raise InvalidMap(f"no surface lies within {NEAR_M:g} m of start and goal: check them, and the unit")
-    floor = fit_floor(sample_surface(walkable(near), 0.04, low, high)) if options.floor == "fit" else Floor.given()
+    origin = _origin(corners_M[near].reshape(-1, 3), options)
+    places = np.array([options.start[:2], options.goal])
+    place = rooms_and_solids(corners_M - origin, near, places - origin[:2])
+    if options.floor == "fit":
+        low, high = _window(corners_M[near].reshape(-1, 3), options)
+        floor = fit_floor(sample_surface(place.stood_on, 0.04, low - origin, high - origin))
+    else:
+        floor = Floor.given()
+    surface = floor.to_world(place.surface)
+    solids = [(floor.to_world(vertices), faces) for vertices, faces in place.solids]
+    floor = floor.about(origin)
     start, goal, low, high = _crop(floor, options)
-    corners_W = floor.to_world(near)
-    corners_W = corners_W[((corners_W.max(axis=1) >= low) & (corners_W.min(axis=1) <= high)).all(axis=1)]
-    bodies, loose = split_bodies(corners_W) if len(corners_W) else ([], corners_W)
-    folder = tempfile.TemporaryDirectory(prefix="hotice-import-")
-    _folders.append(folder)
-    kept = []
-    for vertices, faces in bodies:
-        if _holds_floor(vertices, faces):
-            loose = np.concatenate([loose, vertices[faces]])
-        else:
-            kept.append(_mesh_obstacle(Path(folder.name), f"{name}_{len(kept) + 1:03d}", vertices, faces))
-    p_W = sample_surface(loose, 0.5 * options.voxel_m, low - [0.0, 0.0, 1.0], high)
-    boxes, group = _boxes(p_W, low, high, floor, options, noisy=False)
-    notes = {"triangles": f"{len(corners_M):,}, {len(corners_W):,} in the crop", **_notes(floor, group, boxes)}
-    notes["meshes"] = f"{len(kept)} closed bodies stay meshes"
-    scene = Scene(name, _bounds(low, high), start, goal, (*kept, *boxes))
+    meshes, boxed = _meshes([body for body in solids if _touch(body[0][body[1]], low, high).any()], name)
+    surface = np.concatenate([surface, *(vertices[faces] for vertices, faces in boxed)])
+    p_W = sample_surface(surface, 0.5 * options.voxel_m, low - [0.0, 0.0, BELOW_M], high)
+    boxes, group = _boxes(p_W, low, high, floor, options, (start[:2], goal), boxed)
+    if options.floor == "fit" and not meshes and not boxes:
+        _check_above(p_W, options)
+    notes = {
+        "triangles": f"{len(corners_M):,}, {_touch(surface, low, high).sum():,} sampled in the crop",
+        **_notes(floor, group, boxes),
+        "meshes": f"{len(meshes)} closed bodies stay meshes",
+    }
+    scene = Scene(name, _bounds(low, high), start, goal, (*meshes, *boxes))
     return Imported(scene=scene, floor=floor, points_W=p_W, group=group, notes=notes)
 
 
-def _near(p: Points, options: ImportOptions) -> NDArray[np.bool_]:
+def _turn(options: ImportOptions, suffix: str) -> NDArray[np.float64]:
+    """R_MF: from the file's axes to M's, z roughly up."""
+    roll, pitch = np.radians(options.turn_deg)
+    up = "y" if options.up == "auto" and suffix == ".glb" else options.up.replace("auto", "z")
+    about_x, about_y = quat_from_axis_angle((1.0, 0.0, 0.0), roll), quat_from_axis_angle((0.0, 1.0, 0.0), pitch)
+    turn = quat_to_mat(about_y) @ quat_to_mat(about_x) if roll or pitch else np.eye(3)
+    return turn @ np.array(_UP[up], dtype=np.float64)
+
+
+def _turned_over(p_M: Points, options: ImportOptions, name: str) -> Imported:
+    """The scene of an upside-down map, where start and goal mean the same either way up."""
+    if any(v != 0.0 for v in (*options.start[1:], options.goal[1])):
+        raise InvalidMap(
+            "the map is upside down (its floor lies above its ceiling or has everything below it): add --up=-z, and give "
+            "start and goal as they are after that, y and yaw with the other sign"
+        )
+    imported = from_points(p_M @ TURNED, replace(options, up="-z"), name)
+    up = "-z: the map is upside down and was turned over about its x axis (--up=z keeps it as it is)"
+    return replace(imported, upside_down=True, notes={"up": up, **imported.notes})
+
+
+def _resolved(p_F: Points, scale: float) -> Points:
+    """The points, unless they were rounded to steps as large as obstacles. Raises `InvalidMap`."""
+    finite = p_F[np.isfinite(p_F).all(axis=1)]
+    if not len(finite):
+        return p_F
+    middle = np.abs(np.median(finite, axis=0)).max()
+    step_m = scale * float(np.spacing(np.float32(min(middle, 1e30))))
+    if step_m > RESOLVED_M and (finite[:10_000] == finite[:10_000].astype(np.float32)).all():
+        raise InvalidMap(
+            f"has 32-bit coordinates about {middle:,.0f}, which are {100 * step_m:.2g} cm apart: subtract an offset from the "
+            "points before they are written with 32 bits"
+        )
+    return p_F
+
+
+def _window(p: Points, options: ImportOptions) -> tuple[Points, Points]:
+    """Lowest and highest corner of what counts, by the middle height of points (n, 3) about start and goal."""
     places = np.array([options.start[:2], options.goal])
     low, high = places.min(axis=0) - NEAR_M, places.max(axis=0) + NEAR_M
-    return ((p[:, :2] > low) & (p[:, :2] < high)).all(axis=1) & (np.abs(p[:, 2]) < 50.0)
+    about = ((p[:, :2] > low) & (p[:, :2] < high)).all(axis=1)
+    given = options.floor == "given" or not about.any()
+    middle = 0.0 if given else float(np.median(p[about, 2]))
+    return np.array([*low, middle - STOREYS_M]), np.array([*high, middle + STOREYS_M])
+
+
+def _near(corners: NDArray[np.float64], options: ImportOptions) -> NDArray[np.bool_]:
+    """Which things reach into the window, given their corners (k, n, 3), (n,)."""
+    low, high = _window(corners.reshape(-1, 3), options)
+    return ((corners.max(axis=0) > low) & (corners.min(axis=0) < high)).all(axis=1)
+
+
+def _touch(corners: NDArray[np.float64], low: Points, high: Points) -> NDArray[np.bool_]:
+    """Which triangles (F, 3, 3) reach into a box, (F,)."""
+    return ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+
+
+def _origin(near: Points, options: ImportOptions) -> Points:
+    """Where the map is turned about, (3,): its origin, unless that is far from the points."""
+    origin = np.zeros(3)
+    if max(map(abs, (*options.start[:2], *options.goal))) > FAR_M:
+        origin[:2] = np.round(options.start[:2])
+    height = float(np.median(near[:, 2]))
+    if options.floor == "fit" and abs(height) > ALTITUDE_M:
+        origin[2] = round(height)
+    return origin
+
+
+def _check_above(p_W: Points, options: ImportOptions) -> None:
+    """`InvalidMap` where the things near the floor are below it: the map is upside down, or this is a ceiling."""
+    below, above = ((side * p_W[:, 2] > 0.1) & (side * p_W[:, 2] < BELOW_M) for side in (-1.0, 1.0))
+    if below.sum() > max(above.sum(), BELOW_SHARE * len(p_W)):
+        up = options.up.replace("auto", "z")
+        other = up.removeprefix("-") if up.startswith("-") else f"-{up}"
+        raise InvalidMap(
+            f"{100 * below.sum() / len(p_W):.0f} % of the points lie below the floor and {100 * above.sum() / len(p_W):.0f} % "
+            f"above it: is the map upside down? Try --up={other}, or say that the floor is z = 0 already (--floor given)"
+        )
 
 
 def _crop(
@@ -171,16 +290,28 @@ def _bounds(low: Points, high: Points) -> tuple[tuple[float, float, float], tupl
 
 
 def _boxes(
-    p_W: Points, low: Points, high: Points, floor: Floor, options: ImportOptions, noisy: bool
-) -> tuple[list[Obstacle], NDArray[np.int8]]:
-    """Box obstacles of points (n, 3) in the crop, and the group of each point; without noise every point counts."""
+    p_W: Points, low: Points, high: Points, floor: Floor, options: ImportOptions, places: Sequence[tuple[float, float]],
+    bodies: Sequence[Body] | None = None,
+) -> tuple[list[Obstacle], NDArray[np.int8]]:  # fmt: skip
+    """Box obstacles of points (n, 3) in the crop, and the group of each point.
+
+    With `bodies` the points are samples of a surface, all of which count, and the bodies are solid inside. At `places`, start
+    and goal, the robot stands.
+    """
     voxel_m = options.voxel_m
     band = min(max(MIN_BAND_M, 3.0 * floor.noise_m), MAX_BAND_M)
     group = np.full(len(p_W), FLOOR, dtype=np.int8)
     above = np.flatnonzero(p_W[:, 2] > band)
     Scene("bounds", _bounds(low, high), (*_middle(low, high), 0.0), _middle(low, high))  # refuses huge or empty crops
     voxels = Voxels.of(p_W[above], low, high, voxel_m)
-    solid = occupied(voxels, options.min_points, options.min_voxels) if noisy else occupied(voxels, 1, 1)
+    centre = np.stack(np.meshgrid(*map(np.arange, voxels.count.shape), indexing="ij"), axis=-1)
+    centre = low + voxel_m * (centre + 0.5)
+    stood_in = [_stood_in(centre, place) for place in places]
+    if bodies is None:
+        solid = occupied(voxels, options.min_points, options.min_voxels, stood_in=stood_in)
+    else:
+        full = inside(bodies, centre.reshape(-1, 3)).reshape(voxels.count.shape) & (centre[..., 2] > band)
+        solid = occupied(voxels, 1, 1, full, stood_in)
     group[above] = np.where(voxels.holding(p_W[above], solid), KEPT, NOISE)
     boxes = cover_by_boxes(solid)
     if len(boxes) > MAX_BOXES:
@@ -202,11 +333,40 @@ def _middle(low: Points, high: Points) -> tuple[float, float]:
     return float(x), float(y)
 
 
+def _stood_in(centre: Points, place: tuple[float, float]) -> NDArray[np.bool_]:
+    """Voxels (nx, ny, nz), given their centres, that a robot at a place needs."""
+    aside = np.hypot(*np.moveaxis(centre[..., :2] - place, -1, 0))
+    return (aside < STANDING_M) & (centre[..., 2] > min(COLUMN_HEIGHTS_M)) & (centre[..., 2] < max(COLUMN_HEIGHTS_M))
+
+
+def _meshes(bodies: list[Body], name: str) -> tuple[list[Obstacle], list[Body]]:
+    """Mesh obstacles of solid bodies, smallest first, and the bodies that cannot stay meshes."""
+    meshes, boxed, budget = [], [], MAX_BODY_FACES
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="hotice-import-"))
+        for vertices, faces in bodies:
+            number = f"{name}_{len(meshes) + 1:03d}"
+            if len(faces) > budget or _holds_floor(vertices, faces):
+                boxed.append((vertices, faces))
+                continue
+            obstacle = _mesh_obstacle(Path(folder), number, vertices, faces)
+            try:
+                cast(MeshShape, obstacle.shape).mesh()
+            except InvalidScene:  # closed, but with slivers or corners so close that a mesh obstacle is refused
+                boxed.append((vertices, faces))
+                continue
+            meshes.append(obstacle)
+            budget -= len(faces)
+        if meshes:
+            _folders.append(stack.pop_all())
+    return meshes, boxed
+
+
 def _holds_floor(vertices: Points, faces: NDArray[np.int64]) -> bool:
     if vertices[:, 2].max() <= MIN_BAND_M:
         return True
-    corners = vertices[faces]
-    flat = corners[np.abs(corners[:, :, 2]).max(axis=1) < MIN_BAND_M]
+    top = upper_side((vertices, faces))
+    flat = top[np.abs(top[:, :, 2]).max(axis=1) < MIN_BAND_M]
     cross = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
     return 0.5 * float(np.linalg.norm(cross, axis=1).sum()) > FLOOR_AREA_M2
 
@@ -222,8 +382,9 @@ def _mesh_obstacle(folder: Path, name: str, vertices: Points, faces: NDArray[np.
 
 def _notes(floor: Floor, group: NDArray[np.int8], boxes: list[Obstacle]) -> dict[str, str]:
     kept, on_floor, noise = np.bincount(group, minlength=3)[:3]
+    height_m = floor.height_m + floor.origin_M[2]
     return {
-        "floor": f"tilt {math.degrees(floor.tilt_rad):.2f} degrees, height {floor.height_m:.3f} m in the map, "
+        "floor": f"tilt {math.degrees(floor.tilt_rad):.2f} degrees, height {height_m:.3f} m in the map, "
         f"noise {1000 * floor.noise_m:.1f} mm",
         "crop": f"{kept:,} kept, {on_floor:,} floor or below it, {noise:,} noise and specks",
         "obstacles": f"{len(boxes)} boxes",

@@ -7,6 +7,7 @@ Faces err outward: 2.6 to 3.2 cm on average at 4 cm voxels, for noise of 3 to 20
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -50,24 +51,36 @@ class Voxels:
         return mask[tuple(self.index(p_W).T)]
 
 
-def occupied(voxels: Voxels, min_points: int, min_voxels: int) -> NDArray[np.bool_]:
+def occupied(
+    voxels: Voxels,
+    min_points: int,
+    min_voxels: int,
+    full: NDArray[np.bool_] | None = None,
+    stood_in: Sequence[NDArray[np.bool_]] = (),
+) -> NDArray[np.bool_]:
     """Voxels that stand for something solid, (nx, ny, nz); with `min_points` 0 the density decides, 1 to 3.
 
     Dropped are voxels of fewer than `min_points` points or in the fringe of a denser neighbour, and groups (touching by a
     corner at least) of fewer than `min_voxels`. Added are gaps of up to two voxels, which nobody passes and which would
     break surfaces into many boxes, and air that voxels and floor enclose: a scanned box is not hollow.
     Other space that was not seen stays free: under a table one may reach.
+
+    Args:
+        voxels: with the points of each. min_points: see above. min_voxels: see above.
+        full: voxels known to be solid, such as the inside of a body.
+        stood_in: the room that start and goal need; air that holds some of each is no inside, see `enclosed`.
     """
     count = voxels.count
+    full = np.zeros(count.shape, dtype=bool) if full is None else full
     if not count.any():
-        return np.zeros(count.shape, dtype=bool)
+        return full
     least = min_points or int(np.clip(np.median(count[count > 0]) // 4, 1, 3))
     fringe = FRINGE_SHARE * ndimage.maximum_filter(count, footprint=_NEIGHBOURS, mode="constant")
     kept = (count >= least) & (count >= fringe)
     group, groups = cast(tuple[NDArray[np.int32], int], ndimage.label(kept, _TOUCHING))
     large = np.bincount(group.ravel(), minlength=groups + 1) >= min_voxels
     large[0] = False
-    return enclosed(closed(large[group]))
+    return enclosed(closed(large[group] | full), stood_in)
 
 
 def closed(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -75,11 +88,31 @@ def closed(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return solid | np.asarray(ndimage.binary_closing(np.pad(solid, 2), _TOUCHING), dtype=bool)[2:-2, 2:-2, 2:-2]
 
 
-def enclosed(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """`solid` and the air in it that has no way out but holes of up to two voxels, the floor below layer 0 being closed."""
-    with_floor = np.pad(solid, ((0, 0), (0, 0), (1, 0)), constant_values=True)
+def enclosed(solid: NDArray[np.bool_], stood_in: Sequence[NDArray[np.bool_]] = ()) -> NDArray[np.bool_]:
+    """`solid` and the air in it that has no way out but holes of up to two voxels, the floor below layer 0 being closed.
+
+    Air that reaches into each of the `stood_in` masks is the room that the robot walks in, and stays.
+    """
+    with_floor = _on_floor(solid)
     thick = _dilated(with_floor)
-    return _filled(with_floor | _dilated(_filled(thick) & ~thick))[:, :, 1:]
+    inner = _filled(thick) & ~thick
+    room = np.zeros_like(inner)
+    if stood_in:
+        air = cast(tuple[NDArray[np.int32], int], ndimage.label(inner))[0]
+        shared = set(np.unique(air)) - {0}
+        for mask in stood_in:
+            shared &= set(np.unique(air[:, :, 1:][mask]))
+        room = np.isin(air, list(shared))
+    around = with_floor | _dilated(inner & ~room)
+    filled = _filled(around)
+    if room.any():
+        gaps = cast(tuple[NDArray[np.int32], int], ndimage.label(filled & ~around))[0]
+        filled &= ~np.isin(gaps, np.unique(gaps[room & (gaps > 0)]))
+    return filled[:, :, 1:]
+
+
+def _on_floor(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.pad(solid, ((0, 0), (0, 0), (1, 0)), constant_values=True)
 
 
 def _dilated(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
