@@ -10,15 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
+from hotice.control.terms import torque_limits
 from hotice.model import g1
+from hotice.model.joint_friction import set_friction_reference
 
 Array = NDArray[np.float64]
 
 
 def drive_by_torque(model: mujoco.MjModel) -> None:
-    """Turns the position servos of a model of `build_model` into motors, in place: ctrl is then a torque [N m]."""
-    model.actuator_gainprm[:, 0] = 1.0
+    """Turns the position servos of a model of `build_model` into motors, in place: ctrl is then a torque [N m].
+
+    The motors of a perturbed model (`hotice.model.dynamics`) keep their strength: a command gives as much more or less torque.
+    """
+    model.actuator_gainprm[:, 0] = model.actuator_forcerange[:, 1] / torque_limits()
     model.actuator_biasprm[:, :3] = 0.0
+    set_friction_reference(model)
 
 
 class TorquePlant:

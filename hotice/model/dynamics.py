@@ -14,6 +14,7 @@ import numpy as np
 
 from hotice.errors import InvalidConfig
 from hotice.model import builder, g1
+from hotice.model.joint_friction import set_friction_reference
 
 FRICTIONS = ("sole_friction", "palm_friction", "object_friction")
 MOST_FRICTION = 10.0
@@ -43,9 +44,9 @@ class DynamicsConfig:
     gain: float = 0.0
     """Proportional and derivative gains, each joint on its own (CAT: ± 0.25)."""
     friction_loss_nm: float = 0.0
-    """Largest dry friction of a joint [N m] (ours: 0.2; the description has none that CAT's ± 0.1 could scale)."""
+    """Largest dry friction of a joint [N m], drawn from 0 on (ours: 0.2; the description has none that CAT's ± 0.1 could scale)."""
     armature: float = 0.0
-    """Armature, only upwards (CAT: + 0.05)."""
+    """Armature of each joint, only upwards (CAT: + 0.05)."""
     mass: float = 0.0
     """Masses and inertias of the links (CAT: ± 0.1)."""
     torso_mass_kg: float = 0.0
@@ -55,7 +56,7 @@ class DynamicsConfig:
     motor_strength: float = 0.0
     """Torque limits and the torque that a command gives (ours: ± 0.1)."""
     joint_offset_rad: float = 0.0
-    """Error of the joints' zero positions (ours: ± 0.01)."""
+    """Error of the joints' zero positions, in what encoders read and servos hold (ours: ± 0.01; CAT: ± 0.05)."""
     sole_friction: tuple[float, float] | None = None
     """Range of the friction between a foot and the floor, one draw for each foot (None: 1.0)."""
     palm_friction: tuple[float, float] | None = None
@@ -149,6 +150,7 @@ def perturb(model: mujoco.MjModel, config: DynamicsConfig, rng: np.random.Genera
         if span is not None:
             out.geom_friction[geoms, 0] = rng.uniform(*span)
     mujoco.mj_setConst(out, mujoco.MjData(out))
+    set_friction_reference(out)
     return out
 
 

@@ -108,7 +108,7 @@ class CarryBank:
             grasp=Grasp(
                 joint_pos=rows([s.joint_pos for s in states]),
                 half_extents=rows([s.carried.half_extents_m for s in states]),
-                mass=rows([np.array([s.carried.mass_kg]) for s in states]),
+                mass=rows([m.body_mass[[m.body(builder.OBJECT_BODY).id]] for m in models]),
                 keypoints_O=rows([s.carried.keypoints() for s in states]),
                 world_aligned=torch.tensor([s.carried.keypoints_world_aligned for s in states], device=device),
                 p_OH=rows([_hands(s, m) for s, m in zip(states, models, strict=True)]),

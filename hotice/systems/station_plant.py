@@ -16,6 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 from hotice.errors import NotAvailable
 from hotice.model import builder as models
 from hotice.model.dynamics import perturb
+from hotice.model.joint_friction import set_friction_reference
 from hotice.systems.compose import connect
 from hotice.systems.drake_plant import DrakePlant
 from hotice.systems.joint_pd import JointServo
@@ -96,3 +97,4 @@ def to_motors(model: mujoco.MjModel, strength: Array | float = 1.0) -> None:
     model.actuator_gainprm[:, 0] = strength
     model.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_NONE
     model.actuator_biasprm[:] = 0.0
+    set_friction_reference(model)

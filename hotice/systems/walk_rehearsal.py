@@ -32,7 +32,6 @@ class WalkRehearsal:
         from hotice.control.walk.later import WalkLater
 
         plant = TorquePlant(copy.copy(self.stage.model))
-        plant.model.actuator_gainprm[:] = self.stage.model.actuator_gainprm  # strengths of the motors, as drawn
         walk = WalkLater(self._station.pf, self._station.carry)
         plant.reset(*self.stage.start(state, 0.0))
         memory = walk.start(plant.measure())
