@@ -69,7 +69,9 @@ class PlayConfig:
     seed: int = 0
     """Seed of objects and starts."""
     perturbed: bool = True
-    """Noise, delays, pushes and uncertain dynamics as in evaluation."""
+    """Noise, delays, pushes and uncertain dynamics as in evaluation; under other controllers than `policy` noise and delays."""
+    protocol: Literal["robot", "paper"] | None = None
+    """Physics and perturbations as in `hotice evaluate` (default: robot); of controller `policy` alone."""
     failures_first: bool = True
     """Lists failures before successes, by cause; otherwise scene by scene."""
 
@@ -86,6 +88,10 @@ class PlayConfig:
             raise InvalidConfig(f"video_of is {self.video_of!r}: the list begins with 1")
         if self.video is None and self.video_of != 1:
             raise InvalidConfig(f"video_of is {self.video_of!r}: nothing is filmed, give the film's file as video")
+        if self.protocol is not None and self.controller != "policy":
+            raise InvalidConfig(
+                f"protocol is {self.protocol!r} and controller {self.controller!r}, which has its own physics: leave it out"
+            )
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
         if not 1 <= self.rollouts <= 100:

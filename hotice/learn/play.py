@@ -10,6 +10,7 @@ from rich.progress import track
 
 from hotice.errors import InvalidConfig
 from hotice.files import check_writable
+from hotice.learn.conditions import Conditions
 from hotice.learn.policy import load_policy
 from hotice.learn.record import failures_first, record_rollouts
 from hotice.learn.scene_sets import resolve_scenes
@@ -34,11 +35,8 @@ def play(config: PlayConfig) -> list[RolloutRecord]:
     if config.controller == "policy":
         policy = load_policy(config.policy)
         states = CarryBank.sample(ObjectRange(), config.rollouts, config.seed, 0.005, torch.device("cpu")).states
-        records = [
-            record
-            for scene in watched
-            for record in record_rollouts(policy, scene, states, seed=config.seed, perturbed=config.perturbed)
-        ]
+        asked = Conditions(protocol=config.protocol or "robot", perturbed=config.perturbed)
+        records = [r for scene in watched for r in record_rollouts(policy, scene, states, asked, seed=config.seed)]
     else:
         from hotice.learn.play_station import record_stations
 

@@ -37,17 +37,18 @@ class _Frames:
 
 
 def record_rollouts(
-    policy: Policy, scene: Scene, states: Sequence[CarryState], *, seed: int = 0, after_s: float = 0.0, threads: int = 0,
-    perturbed: bool = False,
+    policy: Policy, scene: Scene, states: Sequence[CarryState], conditions: Conditions | None = None, *, seed: int = 0,
+    after_s: float = 0.0, threads: int = 0,
 ) -> list[RolloutRecord]:  # fmt: skip
     """One rollout for each carry state, the same as a trial of `evaluate`, recorded until `after_s` past its end, at most 5 s.
 
-    What follows a fall or a drop is not shown, nor a diverged simulation. Raises `InvalidConfig` without states,
-    `CheckpointError` for a policy of another observation.
+    `conditions`: physics and perturbation, by default of the protocol `robot` without perturbation. What follows a fall or a drop
+    is not shown, nor a diverged simulation. Raises `InvalidConfig` without states, `CheckpointError` for a policy of another
+    observation.
     """
     if not states:
         raise InvalidConfig("no carry states: at least one object is needed")
-    conditions, meta = Conditions(perturbed=perturbed), policy.meta
+    conditions, meta = conditions or Conditions(perturbed=False), policy.meta
     env = start_trials(scene, states, seed, conditions, trained=meta["task"], preset=meta["preset"], threads=threads)
     check_layout(policy, env.policy_table.layout())
     log = TrialLog(env.bank, len(states), conditions.limit(env.config), env.config.control_dt_s)

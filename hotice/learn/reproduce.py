@@ -86,6 +86,8 @@ class ReproduceConfig:
     """Seed of training and evaluation."""
     threads: int = 0
     """Cores; 0: all."""
+    protocol: Literal["robot", "paper"] = "robot"
+    """Physics and perturbations of the evaluations, as in `hotice evaluate`; tables name it."""
     perturbed: bool = True
     """Noise, delays, pushes and uncertain dynamics in evaluation, as in the paper."""
     bench: tuple[str, ...] = ("bench20",)
@@ -216,7 +218,8 @@ def _evaluate(config: ReproduceConfig, name: str, path: str, trained_by: str | N
     recipe = RECIPES[name]
     asked = EvaluateConfig(
         policy=path, scenes=config.scenes(recipe.test_scenes), rollouts=config.resources().rollouts, seed=config.seed,
-        out=config.out / f"{name}.json", threads=config.threads, perturbed=config.perturbed, shapes=(recipe.shape,),
+        out=config.out / f"{name}.json", threads=config.threads, protocol=config.protocol, perturbed=config.perturbed,
+        shapes=(recipe.shape,),
     )  # fmt: skip
     required = ["--policy", path, "--scenes", *asked.scenes]
     options = _options(asked, EvaluateConfig(policy=path, scenes=asked.scenes))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Callable, Sequence
 
@@ -49,7 +50,8 @@ class MujocoWarp:
         self.hits: Tensor | None = None
         self.self_depth: Tensor | None = None
         self.models = list(models)
-        first = self.models[0]
+        first = copy.copy(self.models[0])
+        first.opt.jacobian = mujoco.mjtJacobian.mjJAC_AUTO  # sparse ones are for the CPU
         if mujoco.mj_name2id(first, mujoco.mjtObj.mjOBJ_SENSOR, HIT_SENSORS[0]) >= 0:
             raise InvalidConfig("models with obstacles need the backend 'mujoco': MuJoCo Warp here steps training only")
         differing = [name for name in differing_fields(self.models) if name not in _NOT_SIMULATED]

@@ -54,8 +54,9 @@ SCENES = {
 @pytest.mark.parametrize("cause", SCENES)
 def test_a_rollout_ends_as_its_trial(cause, meta, states):
     scene, action = SCENES[cause]
-    trials = score_block(Acting(meta, action), scene, states, 4, Conditions(perturbed=False))
-    records = record_rollouts(Acting(meta, action), scene, states, seed=4, threads=1)
+    asked = Conditions(perturbed=False, protocol="paper")
+    trials = score_block(Acting(meta, action), scene, states, 4, asked)
+    records = record_rollouts(Acting(meta, action), scene, states, asked, seed=4, threads=1)
     assert [r.outcome for r in records] == list(trials.outcome) and set(trials.outcome) == {cause}
     for record, time_s, distance_m in zip(records, trials.time_s, trials.distance_m, strict=True):
         assert record.time_s[-1] == pytest.approx(time_s) and np.allclose(np.diff(record.time_s), 0.02)
@@ -77,7 +78,8 @@ def scripted(monkeypatch):
                 seen.object_hit[:] = self.steps >= hit
                 still = torch.zeros(self.num_envs, dtype=torch.int64)
                 away = torch.full((self.num_envs,), 0.0 if self.steps >= reached else 1.0)
-                return type("Step", (), dict(policy=action, outcome=still, goal_distance=away, seen=seen))
+                rest = dict(self_depth=torch.zeros(self.num_envs))
+                return type("Step", (), dict(policy=action, outcome=still, goal_distance=away, seen=seen, **rest))
 
         monkeypatch.setattr(conditions, "TransportEnv", Scripted)
 

@@ -6,6 +6,7 @@ import pytest
 
 from hotice.errors import InvalidConfig, OutputError
 from hotice.learn.__main__ import main
+from hotice.learn.conditions import Conditions
 from hotice.learn.policy import load_policy
 from hotice.learn.record import failures_first, record_rollouts
 from hotice.learn.video import FRAMES_PER_S, SIZE_PX, STILL_S, film_frames, write_video
@@ -22,7 +23,7 @@ def record(onnx_file):
     """A short rollout that ends at a wall or before."""
     policy = load_policy(onnx_file, threads=1)
     states = [solve_carry(Box((0.3, 0.3, 0.3), 1.0))]
-    (record,) = record_rollouts(policy, Scene("wall", obstacles=(WALL,)), states, seed=0, threads=1, perturbed=True)
+    (record,) = record_rollouts(policy, Scene("wall", obstacles=(WALL,)), states, Conditions(), seed=0, threads=1)
     return record.every(0.1)
 
 
