@@ -38,23 +38,24 @@ def _check_range(name: str, value: object) -> None:
 class DynamicsConfig:
     """Uniform spread of parameters: a share around the nominal value, or a range in the unit named. Zero or None: nominal.
 
+    What is drawn is what forces, weights and contacts are made of: `tests/sim/test_dynamics_felt.py`, `test_friction.py`.
     Frictions are what contacts feel: the geom of higher priority decides alone (`hotice.model.builder`), so nothing is combined.
     """
 
     gain: float = 0.0
-    """Proportional and derivative gains, each joint on its own (CAT: ± 0.25)."""
+    """Proportional and derivative gains, each joint and gain on its own (CAT: ± 0.25)."""
     friction_loss_nm: float = 0.0
     """Largest dry friction of a joint [N m], drawn from 0 on (ours: 0.2; CAT scales one that our description lacks by ± 0.1)."""
     armature: float = 0.0
     """Armature of each joint, only upwards (CAT: + 0.05)."""
     mass: float = 0.0
-    """Masses and inertias of the links (CAT: ± 0.1)."""
+    """Masses and inertias of the links, each on its own (CAT: ± 0.1)."""
     torso_mass_kg: float = 0.0
     """Further mass of the torso (CAT: ± 1)."""
     torso_com_m: float = 0.0
-    """Centre of mass of the torso along each axis (CAT: ± 0.1; ours: ± 0.05)."""
+    """Centre of mass of the torso along each axis (CAT: ± 0.1)."""
     motor_strength: float = 0.0
-    """Torque limits and the torque that a command gives (ours: ± 0.1)."""
+    """Torque limits and the torque that a command gives, each motor on its own (ours: ± 0.1)."""
     joint_offset_rad: float = 0.0
     """Error of the joints' zero positions, in what encoders read and servos hold (ours: ± 0.01; CAT: ± 0.05)."""
     sole_friction: tuple[float, float] | None = None
@@ -64,7 +65,7 @@ class DynamicsConfig:
     object_friction: tuple[float, float] | None = None
     """Range of the friction between the object and everything but palms: trunk, thighs, floor, obstacles (None: 0.8)."""
     payload: float = 0.0
-    """Mass of the carried object beside what the carry state assumes (ours: ± 0.1)."""
+    """Mass and inertia of the carried object beside what the carry state assumes, as a share of it (ours: ± 0.1)."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

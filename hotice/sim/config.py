@@ -115,9 +115,10 @@ class TaskConfig:
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     """Spread of the robots' parameters (zero for teachers)."""
     push_m_s: float = 0.0
-    """Largest push: a change of root velocity (CAT, student: 1.0; zero for teachers); the least is a tenth of it (CAT: 0.1)."""
+    """Largest push: a change of root velocity that all links take, not the object in the hands (CAT, student: 1.0; zero for
+    teachers); the least is a tenth of it (CAT: 0.1)."""
     push_interval_s: float = 7.5
-    """Mean time between pushes (CAT: 5 to 10)."""
+    """Mean time between pushes, which come at any control step with equal chance (CAT: 5 to 10)."""
     collisions: bool = True
     """Whether a collision of robot or object ends the episode."""
     tolerance_m: float = 0.0

@@ -156,7 +156,11 @@ class MujocoBatch:
 
 
 def differing_fields(models: Sequence[mujoco.MjModel]) -> list[str]:
-    """Names of the model fields that are not the same in every model. Raises `InvalidConfig` for another layout."""
+    """Names of the model fields that are not the same in every model.
+
+    Raises `InvalidConfig` for another layout or other settings of the simulator (`opt`). `stat.meaninertia` may differ: it
+    scales the tolerance at which the solver stops.
+    """
     first = models[0]
     names = []
     for name in sorted(mujoco.batch.MODEL_FIELDS):
@@ -169,4 +173,10 @@ def differing_fields(models: Sequence[mujoco.MjModel]) -> list[str]:
             names.append(name)
     if any((m.nq, m.nv, m.nu) != (first.nq, first.nv, first.nu) for m in models):
         raise InvalidConfig("models differ in their joints: one layout is needed in a batch")
+    for name in sorted(n for n in mujoco.batch.MODEL_FIELDS if n.startswith("opt.")):
+        values = [np.asarray(getattr(m.opt, name.removeprefix("opt."))) for m in models]
+        if any(not np.array_equal(v, values[0]) for v in values[1:]):
+            raise InvalidConfig(
+                f"models differ in {name}, which a batch reads off the first: build them with one setting"
+            )
     return names

@@ -68,7 +68,7 @@ class Grasp:
 
     joint_pos: Tensor  # (N, 20)
     half_extents: Tensor  # (N, 3)
-    mass: Tensor  # (N, 1)
+    mass: Tensor  # (N, 1), as drawn: what the hands feel, not what the carry state was solved for
     keypoints_O: Tensor  # (N, 8, 3)
     world_aligned: Tensor  # (N,) bool: keypoints keep world directions
     p_OH: Tensor  # (N, 2, 3) hands in the object frame at the start

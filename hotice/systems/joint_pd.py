@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Adder, Demultiplexer, Gain, Saturation
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer, Gain, Saturation
 
 from hotice.model import g1
 from hotice.model.dynamics import joint_offset
@@ -50,21 +50,29 @@ class JointServo:
             limit=model.actuator_forcerange[:, 1].copy(), offset=joint_offset(model),
         )  # fmt: skip
 
+    @classmethod
+    def commanding(cls, model: mujoco.MjModel) -> JointServo:
+        """The same, closed around motors of the drawn strength (`station_plant.to_motors`): in torques as they are commanded."""
+        servo = cls.of_model(model)
+        strength = servo.limit / torque_limits()
+        return cls(kp=servo.kp / strength, kd=servo.kd / strength, limit=servo.limit / strength, offset=servo.offset)
+
 
 class JointPd(Diagram):
     """Inputs `joint_target` (20,) [rad] and `joint_state` (40,) q [rad], q̇ [rad/s]; output `torque` (20,) [N m].
 
-    Gains are those of `g1.gains`. Made of Drake's own blocks, so that the torque loop runs without Python; bit for bit
-    `pd_torque`.
+    `servo`: default those of `g1.gains`; what it reads is off by its offset. Made of Drake's own blocks, so that the torque loop
+    runs without Python; bit for bit `pd_torque`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, servo: JointServo | None = None) -> None:
         Diagram.__init__(self)
-        servo = JointServo.of_g1()
+        servo = servo or JointServo.of_g1()
+        off = bool(servo.offset.any())
         builder = DiagramBuilder()
         split = builder.AddNamedSystem("split", Demultiplexer([NUM_JOINTS, NUM_JOINTS]))
         minus = builder.AddNamedSystem("minus", Gain(-1.0, NUM_JOINTS))
-        error = builder.AddNamedSystem("error", Adder(2, NUM_JOINTS))
+        error = builder.AddNamedSystem("error", Adder(2 + off, NUM_JOINTS))
         stiffness = builder.AddNamedSystem("stiffness", Gain(servo.kp))
         damping = builder.AddNamedSystem("damping", Gain(-servo.kd))
         total = builder.AddNamedSystem("total", Adder(2, NUM_JOINTS))
@@ -73,6 +81,9 @@ class JointPd(Diagram):
         builder.ExportInput(split.get_input_port(0), "joint_state")
         builder.Connect(split.get_output_port(0), minus.get_input_port())
         builder.Connect(minus.get_output_port(), error.get_input_port(1))
+        if off:
+            encoder = builder.AddNamedSystem("encoder", ConstantVectorSource(-servo.offset))
+            builder.Connect(encoder.get_output_port(), error.get_input_port(2))
         builder.Connect(error.get_output_port(), stiffness.get_input_port())
         builder.Connect(split.get_output_port(1), damping.get_input_port())
         builder.Connect(stiffness.get_output_port(), total.get_input_port(0))

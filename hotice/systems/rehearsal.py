@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.model import g1, history
+from hotice.model import history
 from hotice.model.sensing import TRACK_TILT
 from hotice.policies.guidance import read_fields
 from hotice.policies.observation import Carrying, observe, remember
@@ -20,8 +20,9 @@ from hotice.systems.policy import next_action
 from hotice.systems.rehearsal_config import RehearsalConfig
 from hotice.systems.rehearsal_stage import RehearsalStage
 from hotice.systems.sensor_model import DRAWS, ESTIMATE, measure
-from hotice.systems.signals import NQ, torque_limits
+from hotice.systems.signals import NQ
 from hotice.systems.state_adaptor import robot_state_of_mujoco
+from hotice.systems.station_plant import carry_servo
 
 if TYPE_CHECKING:
     from hotice.systems.station import Station
@@ -30,23 +31,24 @@ Array = NDArray[np.float64]
 
 
 class Sensing:
-    """Noise of the station's sensors with random numbers of its own; delays are left out."""
+    """Noise of the station's sensors with random numbers of its own, and its encoders; delays are left out."""
 
     def __init__(self, station: Station, number: int) -> None:
         self._config, self._dt_s = station.config.sensing, station.task.control_dt_s
         self._aligned = station.carry.carried.keypoints_world_aligned
         self._rng = np.random.default_rng([station.config.seed, number])
         self._estimate, self._count = np.zeros(ESTIMATE), 0
+        self._offset = carry_servo(station).offset
 
     def __call__(self, true: Percept, keypoints: Callable[[Array], Array]) -> Percept:
         """The next measurement; `keypoints`: see `measure`."""
         cfg, dt_s, k = self._config, self._dt_s, self._count
-        if cfg.exact:
+        if cfg.exact and not self._offset.any():
             return true
         hold = max(1, round(1.0 / (cfg.root_hz * dt_s))) if cfg.root_hz else 1
         gain = min(1.0, dt_s / cfg.object_filter_s) if cfg.object_filter_s else 1.0
         percept, self._estimate = measure(
-            true, self._estimate, self._rng.uniform(-1.0, 1.0, DRAWS), cfg, self._aligned, keypoints=keypoints,
+            true, self._estimate, self._rng.uniform(-1.0, 1.0, DRAWS), cfg, self._aligned, self._offset, keypoints=keypoints,
             refresh=k % hold == 0, gain=max(gain, 1.0 / (k + 1)), tilt_gain=max(TRACK_TILT, 1.0 / (k + 1)),
             hold_s=hold * dt_s, dt_s=dt_s if k else 0.0,
         )  # fmt: skip
@@ -66,7 +68,7 @@ class Rehearsal:
         self._stage = RehearsalStage(station)
         self._substeps = round(station.task.control_dt_s / station.physics_dt_s)
         self._percept_of = PerceptModel(station.carry.carried)
-        self._gains = (*g1.gains(), torque_limits())
+        self._servo = carry_servo(station)
 
     def __call__(self, state: Array) -> int:
         for number, push in enumerate(self.config.push_m_s):
@@ -78,7 +80,7 @@ class Rehearsal:
     def _try(self, state: Array, push_m_s: float, sensing: Sensing) -> int:
         carry, task, model = self._station.carry, self._task, self._stage.model
         data = mujoco.MjData(model)
-        q, qd = data.qpos[7:27], data.qvel[6:26]
+        q, qd, servo = data.qpos[7:27], data.qvel[6:26], self._servo
         data.qpos[:], data.qvel[:] = self._stage.start(state, push_m_s)
         carrying, action, phase = Carrying.of(carry), np.zeros(20), 0.0
         past = np.zeros(task.history * history.FRAME)
@@ -91,9 +93,9 @@ class Rehearsal:
             raw = self._station.policy.run(observation[None])[0].astype(float)
             action = next_action(raw, task.action_limit)
             phase = (phase + 2.0 * math.pi * task.gait_hz * task.control_dt_s) % (2.0 * math.pi)
-            target = carry.joint_target + task.action_scale * action
+            target = carry.joint_target + task.action_scale * action - servo.offset
             for _ in range(self._substeps):
-                data.ctrl[:] = pd_torque(target, q, qd, *self._gains)
+                data.ctrl[:] = pd_torque(target, q, qd, servo.kp, servo.kd, servo.limit)
                 mujoco.mj_step(model, data)
             verdict = self._stage.verdict(data)
             if verdict:

@@ -100,7 +100,7 @@ class Station(Diagram):
 
     def _assemble(self, builder: DiagramBuilder, meshcat: Any) -> None:
         config, dt = self.config, self.task.control_dt_s
-        late, latency_s = draw_delays(config.sensing, dt, self.task.substeps, config.seed)
+        late, latency_s = draw_delays(config.sensing, dt, round(dt / self.physics_dt_s), config.seed)
         period_s = self.physics_dt_s if self.torques or latency_s else dt
         plant, adaptor = add_plant(builder, self, period_s)
         offset = None if config.dynamics.nominal else joint_offset(self.robot)

@@ -21,6 +21,7 @@ from hotice.systems.joint_pd import JointPd
 from hotice.systems.mode_selector import HandOver, ModeSelector
 from hotice.systems.policy import PolicySystem
 from hotice.systems.rehearsal import Rehearsal
+from hotice.systems.station_plant import carry_servo
 from hotice.systems.table import pick_origin
 from hotice.systems.walk_rehearsal import WalkRehearsal
 
@@ -84,7 +85,7 @@ def add_controller(builder: DiagramBuilder, station: Station, sensed: Sensed, la
         target: System = _add_policy(builder, station, sensed, latency_s)
     else:
         target = builder.AddNamedSystem("hold", HeldPosture(station.carry.joint_target))
-    return (_add_servo(builder, target, sensed), "torque") if station.torques else (target, "joint_target")
+    return (_add_servo(builder, station, target, sensed), "torque") if station.torques else (target, "joint_target")
 
 
 def _add_policy(builder: DiagramBuilder, station: Station, sensed: Sensed, latency_s: float) -> System:
@@ -94,8 +95,8 @@ def _add_policy(builder: DiagramBuilder, station: Station, sensed: Sensed, laten
     return policy
 
 
-def _add_servo(builder: DiagramBuilder, target: System, sensed: Sensed) -> System:
-    servo = builder.AddNamedSystem("joint_pd", JointPd())
+def _add_servo(builder: DiagramBuilder, station: Station, target: System, sensed: Sensed) -> System:
+    servo = builder.AddNamedSystem("joint_pd", JointPd(carry_servo(station)))
     connect(builder, target, "joint_target", servo, "joint_target")
     connect(builder, *sensed.joint_state, servo, "joint_state")
     return servo
@@ -128,7 +129,7 @@ def _add_pickup_then_policy(builder: DiagramBuilder, station: Station, sensed: S
 
     pickup = _add_pickup(builder, station, sensed)
     policy = _add_policy(builder, station, sensed, latency_s)
-    servo = _add_servo(builder, policy, sensed)
+    servo = _add_servo(builder, station, policy, sensed)
     rule = HandOver(ready_phase=PHASES.index("hold"))
     walk = _add_walk_later(builder, station, sensed)
     tried = station.config.rehearsal

@@ -89,6 +89,11 @@ def station_robot(station: Station) -> mujoco.MjModel:
     )
 
 
+def carry_servo(station: Station) -> JointServo:
+    """Gains, limits and encoders, in torques as they are commanded, of joints that a servo in the diagram drives."""
+    return JointServo.of_g1() if station.config.dynamics.nominal else JointServo.commanding(station.robot)
+
+
 def to_motors(model: mujoco.MjModel, strength: Array | float = 1.0) -> None:
     """Makes the position servos of a model of `build_model` motors: controls are torques [N m], limited as before.
 

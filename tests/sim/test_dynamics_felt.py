@@ -128,7 +128,9 @@ def felt(forward, state):
     still, flat = (forward(pose, rest, target) for pose in (q, hanging(state, tilted=True)))
     pulled, spun = forward(q, rest, target + STEP_RAD), forward(q, spin, target)
     most, least = (forward(q, rest, target + far).qfrc_actuator[:, MOTORS] for far in (100.0, -100.0))
-    ahead, back = (forward(q, s * 60.0 * spin, target).qfrc_constraint[:, MOTORS] for s in (1.0, -1.0))  # servos brake hard
+    ahead, back = (
+        forward(q, s * 60.0 * spin, target).qfrc_constraint[:, MOTORS] for s in (1.0, -1.0)
+    )  # servos brake hard
     force = still.qfrc_actuator[:, MOTORS]
     kp = (pulled.qfrc_actuator[:, MOTORS] - force) / STEP_RAD
     return SimpleNamespace(
@@ -185,6 +187,27 @@ def test_joints_feel_their_friction_and_armature(found, model):
     assert_uniform(more[:, MOTORS] / model.dof_armature[MOTORS], 0.0, ROBOT_DYNAMICS.armature)
 
 
+@pytest.mark.parametrize("step_s, least", [(0.010, 0.85), (0.005, 0.95), (0.002, 0.99)])
+def test_dry_friction_takes_the_energy_it_is_written_to_take(state, step_s, least):
+    """Of a robot with random targets, over all physics steps in which a joint keeps its direction."""
+    model = builder.build_model(state.carried, wrist_pos=state.wrist_pos, timestep_s=step_s)
+    robot, rng = perturb(model, ROBOT_DYNAMICS, np.random.default_rng(0)), np.random.default_rng(0)
+    data, taken, written = mujoco.MjData(robot), 0.0, 0.0
+    data.qpos[:] = state.qpos()
+    for _ in range(20):
+        data.ctrl[:] = state.joint_target + 0.1 * rng.standard_normal(20)
+        for _ in range(round(0.02 / step_s)):
+            before = data.qvel[MOTORS].copy()
+            mujoco.mj_step(robot, data)
+            dry = data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+            force = np.zeros(robot.nv)
+            force[data.efc_id[dry]] = data.efc_force[dry]
+            moves = (np.abs(before) > 0.1) & (before * data.qvel[MOTORS] > 0)
+            taken -= (force[MOTORS] * before)[moves].sum()
+            written += (robot.dof_frictionloss[MOTORS] * np.abs(before))[moves].sum()
+    assert least < taken / written <= 1.0
+
+
 def test_links_weigh_what_was_drawn(found, model):
     a, n = found["mass"], found["nominal"]
     link = np.flatnonzero(model.body_rootid == model.body(g1.ROOT_BODY).id)
@@ -203,7 +226,9 @@ def test_the_torso_hangs_where_and_as_heavy_as_drawn(found, model, state):
     data.qpos[:] = hanging(state)
     mujoco.mj_kinematics(model, data)
     torso, pelvis = data.body(g1.TORSO_BODY), data.body(g1.ROOT_BODY)
-    np.testing.assert_allclose(torso.xmat.reshape(3, 3), np.eye(3), atol=1e-12, err_msg="the torso's axes are the pelvis'")
+    np.testing.assert_allclose(
+        torso.xmat.reshape(3, 3), np.eye(3), atol=1e-12, err_msg="the torso's axes are the pelvis'"
+    )
     kg = float(model.body(g1.TORSO_BODY).mass[0])
     more = a.mass - n.mass
     assert_uniform(more, -ROBOT_DYNAMICS.torso_mass_kg, ROBOT_DYNAMICS.torso_mass_kg)
@@ -237,3 +262,85 @@ def test_rows_of_a_batch_feel_the_same(robots, found, state):
     for name, models in robots.items():
         for what, values in vars(felt(batch(models), state)).items():
             np.testing.assert_array_equal(values, getattr(found[name], what), err_msg=f"{name}: {what}")
+
+
+@pytest.mark.parametrize("elliptic", [False, True])
+def test_a_perturbed_robot_in_a_batch_moves_as_alone(state, elliptic):
+    """Every field in which robots differ acts, also what MuJoCo derives from masses: bit for bit a loop of `mj_step`."""
+    bank = CarryBank.of([state] * 4, 0.005, torch.device("cpu"), dynamics=ROBOT_DYNAMICS, elliptic=elliptic)
+    physics, order = MujocoBatch(bank.models, 4, threads=1), [2, 0, 3, 1]
+    physics.set_models(torch.arange(4), torch.tensor(order))
+    plain = [(bank.models[i], mujoco.MjData(bank.models[i])) for i in order]
+    physics.qpos[:] = bank.qpos
+    for _, data in plain:
+        data.qpos[:] = state.qpos()
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        ctrl = state.joint_target + 0.1 * rng.standard_normal(20)
+        physics.ctrl[:] = torch.tensor(ctrl)
+        physics.step(4)
+        for row, (m, data) in enumerate(plain):
+            data.ctrl[:] = ctrl
+            mujoco.mj_step(m, data, 4)
+            np.testing.assert_array_equal(physics.qpos[row].numpy(), data.qpos)
+    assert len(torch.unique(physics.qpos[:, 10])) == 4
+
+
+SILENT = {"actuator_acc0", "body_subtreemass", "bvh_aabb"}
+"""Differences that act on no force here: of muscles, of centres of mass that only tell, of which pairs are looked at closely."""
+
+
+MASSES = ("body_mass", "body_inertia", "dof_M0")
+"""MuJoCo takes the inertia of a free body, the load, from the last, MuJoCo Warp from the others."""
+
+
+def one_by_one(robots):
+    """A robot, and by name robots that take one differing field each from another; masses with what is made of them."""
+    first, other, *_ = robots["all"]
+    mixed = {name: copy.copy(first) for name in differing_fields([first, other]) if name not in MASSES[1:]}
+    for name, robot in mixed.items():
+        for field in MASSES if name == MASSES[0] else [name]:
+            getattr(robot, field)[:] = getattr(other, field)
+    return first, mixed
+
+
+def accelerations(forward, state):
+    """Of a robot that stands on the floor and holds the object: at rest, as it moves, and with all that its servos have."""
+    qpos, qvel = np.array(state.qpos()), np.zeros(32)
+    qpos[[2, -5]] -= 0.001
+    qvel[MOTORS] = np.linspace(-1.0, 1.0, 20)
+    cases = ((0.0, 0.0), (1.0, 0.0), (1.0, 100.0))
+    return np.concatenate([forward(qpos, v * qvel, state.joint_target + far).qacc for v, far in cases], axis=1)
+
+
+def test_each_field_that_differs_acts(robots, state):
+    first, mixed = one_by_one(robots)
+    exact = accelerations(plain([first, *mixed.values()]), state)
+    np.testing.assert_array_equal(accelerations(batch([first, *mixed.values()]), state), exact)
+    change = np.abs(exact[1:] - exact[0]).max(axis=1)
+    assert {name for name, most in zip(mixed, change, strict=True) if most < 1e-6} == SILENT
+
+
+@pytest.mark.slow
+@pytest.mark.parity
+def test_worlds_of_warp_feel_the_same(robots, found, state):
+    pytest.importorskip("mujoco_warp")
+    for what, values in vars(felt(warp(robots["all"][:FEW]), state)).items():
+        exact = getattr(found["all"], what)[:FEW]
+        np.testing.assert_allclose(values, exact, rtol=2e-4, atol=1e-4 * np.abs(exact).max(), err_msg=what)
+    from hotice.sim.mujoco_warp import _NOT_SIMULATED
+
+    first, mixed = one_by_one(robots)
+    exact = accelerations(plain([first, *mixed.values()]), state)
+    ours = accelerations(warp([first, *mixed.values()]), state)
+    for name, a, b in zip(mixed, ours[1:] - ours[0], exact[1:] - exact[0], strict=True):
+        if name not in SILENT | _NOT_SIMULATED:
+            np.testing.assert_allclose(a, b, rtol=0, atol=0.03 * np.abs(b).max(), err_msg=name)
+
+
+def test_models_of_other_settings_share_no_batch(model):
+    """They are read off the first model: those of others would not act."""
+    other = copy.copy(model)
+    other.opt.timestep = 0.002
+    with pytest.raises(InvalidConfig, match="opt.timestep"):
+        MujocoBatch([model, other], 2, threads=1)

@@ -121,7 +121,7 @@ def test_a_rehearsal_of_the_walk_sees_obstacles_and_motors(ready):
     verdict = WalkRehearsal(blocked, RehearsalConfig(horizon_s=0.2, push_m_s=(0.0,)))(here)
     assert VERDICTS[verdict] in ("object_collision", "robot_collision")
     weak = WalkRehearsal(station, RehearsalConfig(horizon_s=1.0, push_m_s=(0.0,)))
-    weak.stage.model.actuator_gainprm[:, 0] = 0.3
+    weak.stage.model.actuator_forcerange[:] *= 0.3
     assert VERDICTS[weak(state)] in ("fall", "drop")
 
 

@@ -1,3 +1,7 @@
+import copy
+from types import SimpleNamespace
+
+import mujoco
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -5,9 +9,9 @@ from pydrake.systems.analysis import Simulator
 from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
 from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig, joint_offset
 from hotice.systems import StationConfig, make_station
-from hotice.systems.joint_pd import JointServo
+from hotice.systems.joint_pd import JointPd, JointServo
 from hotice.systems.pushes import Pushes, draw_push
-from hotice.systems.station_plant import station_model
+from hotice.systems.station_plant import carry_servo, station_model
 
 YAML = {"sensing": "student", "dynamics": "student", "push_m_s": 1.0, "push_interval_s": 0.2}
 
@@ -110,7 +114,7 @@ def test_encoders_that_err_are_read_so(carry, robot_state, run):
 def test_what_goes_wrong():
     for changes, message in (
         ({"push_m_s": -1.0}, "push_m_s is -1.0"), ({"push_interval_s": 0.0}, "push_interval_s is 0.0"),
-        ({"dynamics": "wild"}, "dynamics is 'wild': known are nominal, student, or a mapping"),
+        ({"dynamics": "wild"}, "dynamics is 'wild': known are nominal, student, robot, robot_nominal, paper, or a mapping"),
         ({"dynamics": {"gain": 2.0}}, "gain is 2.0: a share below 1"), ({"dynamics": {"mas": 0.1}}, "unknown key 'mas'"),
     ):  # fmt: skip
         with pytest.raises(InvalidConfig, match=message):
@@ -119,3 +123,58 @@ def test_what_goes_wrong():
     for changes in ({"push_m_s": 0.5}, {"dynamics": STUDENT_DYNAMICS}):
         with pytest.raises(NotAvailable, match='plant="mujoco" alone'):
             make_station(StationConfig(**changes), plant="drake")
+
+
+def at_once(model, qpos, qvel, ctrl):
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, ctrl
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def test_whichever_servo_holds_the_joints_the_drawn_robot_is_felt(carry, run, monkeypatch):
+    """Torques, friction, inertia and weight: the motors' own servos, the plant's, the diagram's, and motors of a walk."""
+    from hotice.control.plant import TorquePlant
+
+    made = {
+        kind: make_station(StationConfig(dynamics=STUDENT_DYNAMICS, seed=5, servo=kind), controller="hold")
+        for kind in ("motor", "pd")
+    }
+    robot, rng = made["motor"].robot, np.random.default_rng(0)
+    qpos, qvel = carry.qpos(), np.zeros(32)
+    qpos[2], qpos[29], qvel[6:26] = 3.0, 9.0, rng.choice([-1.0, 1.0], 20) * rng.uniform(0.5, 1.0, 20)
+    for size in (0.05, 100.0):
+        target = carry.joint_pos + size * rng.uniform(-1.0, 1.0, 20)
+        own = at_once(robot, qpos, qvel, target)
+        plant = made["pd"].GetSubsystemByName("plant")
+        context = plant.CreateDefaultContext()
+        plant.set_state(context, qpos, qvel)
+        plant.GetInputPort("actuation").FixValue(context, target)
+        monkeypatch.setattr(plant, "_steps", 1)
+        plant.EvalUniquePeriodicDiscreteUpdate(context)
+        by_plant = at_once(station_model(made["pd"]), qpos, qvel, plant._data.ctrl)
+        np.testing.assert_allclose(by_plant.actuator_force, own.actuator_force, atol=1e-9)
+        torques = station_model(SimpleNamespace(robot=robot, motors=True, torques=True))
+        joint_state = np.append(qpos[7:27], qvel[6:26])
+        command = run(JointPd(carry_servo(made["motor"])), "torque", joint_target=target, joint_state=joint_state)
+        np.testing.assert_array_less(
+            np.abs(command), JointServo.of_g1().limit * (1 + 1e-9), "commands know no strength"
+        )
+        for model in (torques, TorquePlant(copy.copy(robot)).model):
+            of_motors = at_once(model, qpos, qvel, command)
+            np.testing.assert_allclose(of_motors.actuator_force, own.actuator_force, atol=1e-9)
+            np.testing.assert_array_equal(of_motors.M, own.M)
+            np.testing.assert_array_equal(of_motors.qfrc_bias, own.qfrc_bias)
+            friction = at_once(model, qpos, 3.0 * qvel, np.zeros(20)).qfrc_constraint[6:26]
+            np.testing.assert_allclose(friction, -np.sign(qvel[6:26]) * robot.dof_frictionloss[6:26], atol=1e-9)
+
+
+def test_delays_of_a_station_are_whole_physics_steps():
+    """What is drawn arrives in the step drawn, whatever the servo's step is."""
+    for servo, step in (("motor", 0.005), ("pd", 0.002)):
+        lags = set()
+        for seed in range(4):
+            station = make_station(config(seed=seed, servo=servo))
+            lags.add(station.GetSubsystemByName("policy")._latency)
+            assert station.physics_dt_s == step
+        assert all(abs(lag / step - round(lag / step)) < 1e-9 for lag in lags) and len(lags) > 1
