@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,7 +21,7 @@ FRICTIONS = ("sole_friction", "palm_friction", "object_friction")
 MOST_FRICTION = 10.0
 
 
-def _check_range(name: str, value: object) -> None:
+def _check_range(name: str, value: Any) -> None:
     if value is None:
         return
     pair = isinstance(value, tuple | list) and len(value) == 2
