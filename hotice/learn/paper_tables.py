@@ -69,7 +69,7 @@ class Made:
         trained = self.report["trained"]
         return {
             "policy": self.report["policy"], "preset": self.report["preset"], "trained": trained,
-            "trained_by": self.trained_by, "evaluated_by": self.evaluated_by, "protocol": self.report["protocol"],
+            "trained_by": self.trained_by, "evaluated_by": self.evaluated_by, "protocol": self.report.get("protocol"),
             "perturbed": self.report["perturbed"],
             "evaluated_with": self.report["source"],
         }  # fmt: skip
@@ -77,7 +77,7 @@ class Made:
 
 def table_markdown(table: Table, made: Mapping[str, Made]) -> str:
     """A table as Markdown, ours beside the paper's; a row without a policy says so."""
-    protocols = sorted({f"protocol {m.report['protocol']}" for m in made.values()})
+    protocols = sorted({f"protocol {_protocol(m.report)}" for m in made.values()})
     lines = [
         f"## {table.title}", "", *([f"{', '.join(protocols)}, referee exact", ""] if protocols else []),
         "| Method | SR [%] | 95 % | mDist [m] | Trials | Paper SR [%] | Paper mDist [m] | Steps |",
@@ -112,10 +112,15 @@ def origins_markdown(made: Mapping[str, Made]) -> str:
             f"seed {trained.get('seed', '?')}) at commit `{source.get('commit', 'unknown')}`",
             *([f"  - trained on: {in_words(trained['on'])}"] if "on" in trained else []),
             f"  - trained by: {f'`{entry.trained_by}`' if entry.trained_by else 'given, its command is not recorded'}",
-            f"  - protocol: `{entry.report['protocol']}` ({entry.report['physics']}), referee exact",
+            f"  - protocol: {_protocol(entry.report)}, referee exact",
             f"  - evaluated by: `{entry.evaluated_by}`, at commit `{entry.report['source'].get('commit', 'unknown')}`",
         ]
     return "\n".join(lines)
+
+
+def _protocol(report: Mapping[str, Any]) -> str:
+    """Name and physics of a report; reports of earlier versions name none."""
+    return f"{report.get('protocol') or 'none named'} ({report.get('physics', 'unknown physics')})"
 
 
 def _behind(trained: Mapping[str, Any]) -> str:

@@ -30,7 +30,9 @@ PALM_FRICTION = 0.6
 """The slipperiest palms that a grasp must hold with (protocol `robot`)."""
 GRIP_MARGIN = 1.3
 """How much more than its weight the palms' friction must be able to carry."""
-AHEAD_M = (0.0, 0.02, 0.04, 0.06, 0.08, 0.11, 0.14)
+ELBOW_WEIGHT = 30.0
+ELBOWS_OUT_M = (0.0, 0.15)
+"""From the middle to each elbow at least, tried in turn: anywhere; a centimetre more than half the chest and the forearm take."""
 MAX_INSIDE_M = 0.0005
 
 
@@ -100,6 +102,7 @@ class _Kinematics:
         self.wrist_qpos = [self.qpos_of[j] for j in g1.WRIST_JOINTS]
         self.action_dof = [self.model.joint(j).dofadr[0] for j in g1.ACTION_JOINTS]
         self.palm_id = {s: [self.model.geom(f"{s}_palm_{i}").id for i in range(4)] for s in g1.SIDES}
+        self.elbow_body = self.model.body("left_elbow_link").id
         self.hand_body = {s: self.model.body(f"{s}_wrist_yaw_link").id for s in g1.SIDES}
         self.foot_body = {s: self.model.body(f"{s}_ankle_roll_link").id for s in g1.SIDES}
         self.sole_id = {s: [self.model.geom(f"{s}_sole_{i}").id for i in range(4)] for s in g1.SIDES}
@@ -168,11 +171,11 @@ def _set_arms(kin: _Kinematics, angles: NDArray) -> None:
 
 
 def _solve_arms(
-    kin: _Kinematics, carried: CarriedObject, guess: NDArray | None, grasp_height_m: float, ahead_m: float = 0.0
+    kin: _Kinematics, carried: CarriedObject, guess: NDArray | None, grasp_height_m: float, elbow_out_m: float
 ) -> tuple[NDArray, NDArray, float]:
     """Arm and wrist angles and object position (relative to the pelvis, world directions); upright, centred in y.
 
-    `ahead_m`: how much farther than needed the object is kept from the chest [m].
+    `elbow_out_m`: from the middle to each elbow at least [m].
 
     Returns the solution (9,), left arm and wrist angles, then x and z of the object, a `guess` for the next call; the
     object position (3,); and the largest residual gap [m] between palm spheres and object.
@@ -181,7 +184,7 @@ def _solve_arms(
     lower = np.concatenate([kin.range[LEFT_ARM, 0], kin.wrist_range[:3, 0]])
     upper = np.concatenate([kin.range[LEFT_ARM, 1], kin.wrist_range[:3, 1]])
     lean = 2.0 * float(np.arcsin(kin.quat_WP[2]))
-    x_front = ahead_m + TORSO_FRONT_M + TORSO_GAP_M + half[0] + 0.28 * np.sin(max(lean, 0.0))
+    x_front = TORSO_FRONT_M + TORSO_GAP_M + half[0] + 0.28 * np.sin(max(lean, 0.0))
     knees = np.array([kin.data.xpos[kin.model.body(f"{s}_knee_link").id] for s in g1.SIDES])  # from the legs' solution
     thighs_below = knees[:, 0].max() + 0.06 > x_front - half[0]
     z_low = max(0.02, knees[:, 2].max() + 0.06 + half[2] + 0.01) if thighs_below else 0.02
@@ -198,11 +201,22 @@ def _solve_arms(
         by_v[:, :, :7] = kin.point_jacobian(palms, kin.left_arm)
         by_v[:, 0, 7] = by_v[:, 2, 8] = -1.0
         gap = touch * (distance - kin.palm_radius + PRELOAD_M)  # every palm sphere touches
+        elbow = kin.data.xpos[kin.elbow_body]
+        inside = max(0.0, elbow_out_m - elbow[1])  # beside the chest, not in it
+        elbow_by_v = np.zeros((1, 9))
+        if inside > 0:
+            elbow_by_v[0, :3] = -ELBOW_WEIGHT * kin.point_jacobian(elbow[None], kin.left_arm[:3])[0, 1]
         middle = np.array([30.0, 10.0])  # in the middle of the side
         centre, centre_by_v = p_O.mean(axis=0)[[0, 2]], by_v.mean(axis=0)[[0, 2]]
-        rows = [touch * np.einsum("ni,niv->nv", normal, by_v), middle[:, None] * centre_by_v, np.diag(weight)]
+        rows = [
+            touch * np.einsum("ni,niv->nv", normal, by_v),
+            middle[:, None] * centre_by_v,
+            np.diag(weight),
+            elbow_by_v,
+        ]
         above = np.array([0.0, grasp_height_m])
-        return np.concatenate([gap, middle * (centre - above), weight * (v - wish)]), np.concatenate(rows)
+        rest = [middle * (centre - above), weight * (v - wish), [ELBOW_WEIGHT * inside]]
+        return np.concatenate([gap, *rest]), np.concatenate(rows)
 
     low, high = np.append(lower + 0.02, [x_front, z_low]), np.append(upper - 0.02, [x_front + 0.30, z_low + 0.5])
     if guess is None:  # stiff contact from afar follows a curved valley in small steps and may end in a bent-back wrist
@@ -321,13 +335,13 @@ def solve_carry(
 
 
 def _solve_grasp(kin: _Kinematics, posture: Posture, carried: CarriedObject, grasp_height_m: float) -> NDArray:
-    """Joints of legs and arms, and the object's position, (3,); where arms would be inside the chest, it is held farther out."""
+    """Joints of legs and arms, and the object's position, (3,); where arms would be inside the chest, elbows go out."""
     object_pos, gap, inside = np.array([0.35, 0.0, 0.1]), np.inf, 0.0
-    for ahead_m in AHEAD_M:
+    for elbow_out_m in ELBOWS_OUT_M:
         arms = None
         for _ in range(2):  # legs and arms see each other through the centre of mass and the thighs
             _solve_legs(kin, posture, carried, object_pos)
-            arms, object_pos, gap = _solve_arms(kin, carried, arms, grasp_height_m, ahead_m)
+            arms, object_pos, gap = _solve_arms(kin, carried, arms, grasp_height_m, elbow_out_m)
         _solve_legs(kin, posture, carried, object_pos)
         inside = self_contact.depth(kin.model, kin.data)
         if gap > MAX_GAP_M or inside <= MAX_INSIDE_M:
