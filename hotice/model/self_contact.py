@@ -12,7 +12,6 @@ from itertools import product
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 LEG = ("hip_yaw_link_0", "knee_link_0", "knee_link_1", "ankle_roll_link_0")
 """Thigh, knee and upper shin, lower shin, foot; each after its side."""
@@ -39,12 +38,6 @@ def add_self_contact(spec: mujoco.MjSpec) -> None:
     """Makes every pair of `pairs` a contact pair of a robot's specification."""
     for one, other in pairs():
         spec.add_pair(geomname1=one, geomname2=other, condim=1, friction=FRICTION)
-
-
-def self_contacts(model: mujoco.MjModel, geoms: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Which contacts, given by their geoms (n, 2), are within the robot, (n,)."""
-    robot = model.body_rootid[model.geom_bodyid] == model.body("pelvis").rootid
-    return np.asarray(robot[np.asarray(geoms)].all(axis=-1))
 
 
 def depth(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[tuple[str, str]] | None = None) -> float:
