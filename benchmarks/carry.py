@@ -28,9 +28,13 @@ CONTROL_S = 0.02
 
 
 def hold(
-    state: CarryState, rng: np.random.Generator, *, timestep_s: float = 0.005, elliptic: bool = False,
+    state: CarryState,
+    rng: np.random.Generator,
+    *,
+    timestep_s: float = 0.005,
+    elliptic: bool = False,
     palm_friction: float | None = None,
-) -> tuple[bool, float]:  # fmt: skip
+) -> tuple[bool, float]:
     """Simulates the held object at a fixed pelvis; returns whether it stayed and the slip [m]."""
     model = builder.build_model(
         state.carried, wrist_pos=state.wrist_pos, fixed_base=True, floor=False, timestep_s=timestep_s, elliptic=elliptic

@@ -3,8 +3,8 @@
 `python -m benchmarks.collision [--states 10000] [--seed 0]`; exit status 1 if a bar fails:
 25 robot × 30 obstacle primitives in at most 1 ms, and no penetration deeper than 1 cm missed by the cover.
 
-Cover: random carry states, joints, heading and lean near single obstacles of all kinds, bars and plates of 2 cm included.
-Exact distances come from `hotice.model.collision`, the cover's from the environment that training runs.
+Cover: random carry states, joints, heading and lean near single obstacles of all kinds, bars and plates of 2 cm
+included. Exact distances come from `hotice.model.collision`, the cover's from the environment that training runs.
 """
 
 from __future__ import annotations
@@ -36,9 +36,14 @@ BAR_DEPTH_M = 0.01
 PER_SCENE = 100
 PLACE = np.array([0.9, 0.0])
 OBJECTS: tuple[CarriedObject, ...] = (
-    Box((0.3, 0.3, 0.3), 1.0), Box((0.36, 0.36, 0.38), 1.5), Box((0.24, 0.36, 0.22), 3.0), Box((0.4, 0.4, 0.4), 1.0),
-    Cylinder(0.13, 0.3, 1.5), Cylinder(0.18, 0.4, 1.5), Sphere(0.14, 1.2),
-)  # fmt: skip
+    Box((0.3, 0.3, 0.3), 1.0),
+    Box((0.36, 0.36, 0.38), 1.5),
+    Box((0.24, 0.36, 0.22), 3.0),
+    Box((0.4, 0.4, 0.4), 1.0),
+    Cylinder(0.13, 0.3, 1.5),
+    Cylinder(0.18, 0.4, 1.5),
+    Sphere(0.14, 1.2),
+)
 SHAPES: tuple[Callable[[np.random.Generator], Shape], ...] = (
     lambda rng: BoxShape(tuple(rng.uniform(0.08, 0.5, 3))),
     lambda rng: CylinderShape(rng.uniform(0.03, 0.15), rng.uniform(0.3, 1.2)),
@@ -66,11 +71,14 @@ def cluttered(count: int, rng: np.random.Generator) -> Scene:
     """A scene of `count` random primitives beside the way."""
     obstacles = tuple(
         Obstacle(
-            f"o{i}", "side", SHAPES[i % 4](rng), (rng.uniform(-0.4, 2.4), rng.choice([-1, 1]) * 1.2, rng.uniform(0.2, 1)),
+            f"o{i}",
+            "side",
+            SHAPES[i % 4](rng),
+            (rng.uniform(-0.4, 2.4), rng.choice([-1, 1]) * 1.2, rng.uniform(0.2, 1)),
             tuple(normalize(rng.normal(size=4))),
         )
         for i in range(count)
-    )  # fmt: skip
+    )
     return Scene("cluttered", obstacles=obstacles)
 
 
@@ -81,10 +89,11 @@ def fcl_loop(checker: CollisionChecker, state: RobotState) -> Callable[[], np.nd
 
     checker.query(state)
     make = {
-        coal.Box: lambda g: fcl.Box(*(2 * g.halfSide)), coal.Sphere: lambda g: fcl.Sphere(g.radius),
+        coal.Box: lambda g: fcl.Box(*(2 * g.halfSide)),
+        coal.Sphere: lambda g: fcl.Sphere(g.radius),
         coal.Cylinder: lambda g: fcl.Cylinder(g.radius, 2 * g.halfLength),
         coal.Capsule: lambda g: fcl.Capsule(g.radius, 2 * g.halfLength),
-    }  # fmt: skip
+    }
     geometry, placed = checker.geometry
     objects = [
         fcl.CollisionObject(make[type(o.geometry)](o.geometry), fcl.Transform(X_WG.rotation, X_WG.translation))
@@ -113,9 +122,10 @@ def time_queries(console: Console, seed: int) -> bool:
         if len(distance) < 2 * BAR_PAIRS:
             good = times["query"] <= BAR_MS
         table.add_row(
-            f"{len(distance):,}", *(f"{times[k]:.2f}" for k in ("query", "witness", "fcl")),
+            f"{len(distance):,}",
+            *(f"{times[k]:.2f}" for k in ("query", "witness", "fcl")),
             f"{np.abs(distance - loop())[distance > 0].max():.1e}",
-        )  # fmt: skip
+        )
     console.print(table)
     console.print(
         f"bar: {BAR_PAIRS} pairs in {BAR_MS:g} ms: {'ok' if good else 'MISSED'} (the first row holds more pairs)"

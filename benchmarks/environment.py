@@ -1,9 +1,10 @@
-"""How fast is the environment of students, and what would make it faster? `student` carries through bench20 under perturbations.
+"""How fast is the environment of students, and what would make it faster? `student` carries through bench20 under
+perturbations.
 
     python -m benchmarks.environment [--num-envs 384] [--steps 40] [--physics-dt-s 0.01] [--variant palms3]
 
-Prints environment steps per second of one core's CPU time (policy left out), and the share that is physics. Variants change the
-compiled models: they show what a contact or a setting costs, none is the default.
+Prints environment steps per second of one core's CPU time (policy left out), and the share that is physics. Variants
+change the compiled models: they show what a contact or a setting costs, none is the default.
 """
 
 from __future__ import annotations
@@ -23,8 +24,16 @@ from hotice.sim.config import TaskConfig
 from hotice.sim.threads import use_threads
 
 KEPT = (
-    "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s", "stop_gain_hz", "gait_hz", "swing_height_m", "scan", "history"
-)  # fmt: skip
+    "leg_scale_rad",
+    "arm_scale_rad",
+    "action_limit",
+    "speed_m_s",
+    "stop_gain_hz",
+    "gait_hz",
+    "swing_height_m",
+    "scan",
+    "history",
+)
 
 
 def _without(model: mujoco.MjModel, part: str) -> None:
@@ -49,9 +58,13 @@ def _impratio(model: mujoco.MjModel) -> None:
 
 
 VARIANTS: dict[str, Callable[[mujoco.MjModel], None]] = {
-    "palms3": lambda m: _without(m, "palm_3"), "soles3": lambda m: _without(m, "sole_0"), "dense": _dense,
-    "islands": _islands, "iterations6": _iterations, "impratio10": _impratio,
-}  # fmt: skip
+    "palms3": lambda m: _without(m, "palm_3"),
+    "soles3": lambda m: _without(m, "sole_0"),
+    "dense": _dense,
+    "islands": _islands,
+    "iterations6": _iterations,
+    "impratio10": _impratio,
+}
 
 
 def main() -> None:
@@ -74,8 +87,9 @@ def main() -> None:
     policy = load_policy("student", threads=1)
     task = TaskConfig(
         **{k: v for k, v in policy.meta["task"].items() if k in KEPT},
-        physics_dt_s=args.physics_dt_s, substeps=round(0.02 / args.physics_dt_s),
-    )  # fmt: skip
+        physics_dt_s=args.physics_dt_s,
+        substeps=round(0.02 / args.physics_dt_s),
+    )
     task = replace(task.perturbed(), goal_stay_s=0.4)
     env = TransportEnv(args.num_envs, resolve_scenes(("bench20",)), config=task, seed=1, threads=1)
     spent = {"physics": 0.0, "environment": 0.0}

@@ -174,11 +174,17 @@ def measure(case: Case, resolution_m: float) -> dict[str, float]:
     force = f_rep(s, params)[:, None] * np.nan_to_num(out) - params.attraction * slope(case.solve(q), q)
     wrong = np.linalg.norm(field.sample(q) - force, axis=1) / np.linalg.norm(force, axis=1)
     return {
-        "max": error.max(), "mean": error.mean(), "smooth": error[good].mean(), "smooth max": error[good].max(),
-        "angle": angle[good].mean(), "angle all": angle.mean(), "smooth share": good.mean(),
-        "sdf": np.abs(field.signed_distance(q) - s).max(), "force": wrong[smooth(case, q)].mean(),
+        "max": error.max(),
+        "mean": error.mean(),
+        "smooth": error[good].mean(),
+        "smooth max": error[good].max(),
+        "angle": angle[good].mean(),
+        "angle all": angle.mean(),
+        "smooth share": good.mean(),
+        "sdf": np.abs(field.signed_distance(q) - s).max(),
+        "force": wrong[smooth(case, q)].mean(),
         "force all": float(np.median(wrong)),
-    }  # fmt: skip
+    }
 
 
 def main() -> int:
@@ -188,9 +194,22 @@ def main() -> int:
     console = Console(width=150)
     table = Table(title="errors against closed forms (smooth: 15 cm from goal, bends, obstacles and shadow lines)")
     columns = (
-        "case", "grid [cm]", "D max [cm]", "[cells]", "D mean [mm]", "D smooth mean [mm]", "max [mm]", "order",
-        "slope smooth [deg]", "all [deg]", "order", "sdf max [mm]", "F smooth [%]", "median [%]", "order",
-    )  # fmt: skip
+        "case",
+        "grid [cm]",
+        "D max [cm]",
+        "[cells]",
+        "D mean [mm]",
+        "D smooth mean [mm]",
+        "max [mm]",
+        "order",
+        "slope smooth [deg]",
+        "all [deg]",
+        "order",
+        "sdf max [mm]",
+        "F smooth [%]",
+        "median [%]",
+        "order",
+    )
     for column in columns:
         table.add_column(column, justify="left" if column == "case" else "right")
     failed = []
@@ -200,12 +219,23 @@ def main() -> int:
             last = h == sizes[-1]
             orders = [_order(found, sizes, key) if last else "" for key in ("smooth", "angle", "force")]
             table.add_row(
-                case.scene.name if h == sizes[0] else "", f"{100 * h:g}", f"{100 * e['max']:.3f}", f"{e['max'] / h:.2f}",
-                f"{1e3 * e['mean']:.3f}", f"{1e3 * e['smooth']:.4f}", f"{1e3 * e['smooth max']:.3f}", orders[0],
-                f"{e['angle']:.3f}", f"{e['angle all']:.3f}", orders[1],
-                f"{1e3 * e['sdf']:.2f}", f"{100 * e['force']:.3f}", f"{100 * e['force all']:.3f}", orders[2],
+                case.scene.name if h == sizes[0] else "",
+                f"{100 * h:g}",
+                f"{100 * e['max']:.3f}",
+                f"{e['max'] / h:.2f}",
+                f"{1e3 * e['mean']:.3f}",
+                f"{1e3 * e['smooth']:.4f}",
+                f"{1e3 * e['smooth max']:.3f}",
+                orders[0],
+                f"{e['angle']:.3f}",
+                f"{e['angle all']:.3f}",
+                orders[1],
+                f"{1e3 * e['sdf']:.2f}",
+                f"{100 * e['force']:.3f}",
+                f"{100 * e['force all']:.3f}",
+                orders[2],
                 end_section=last,
-            )  # fmt: skip
+            )
             if abs(h - 0.04) < 1e-9 and e["max"] > h:
                 failed.append(f"{case.scene.name}: D at 4 cm is wrong by {e['max'] / h:.2f} voxels")
         order = _order(found, sizes, "smooth")

@@ -1,9 +1,11 @@
-"""Which palm friction in the coarse physics of training creeps as much as a given one in fine physics? Made docs/contacts.md.
+"""Which palm friction in the coarse physics of training creeps as much as a given one in fine physics? Made
+docs/contacts.md.
 
     python -m benchmarks.friction [--objects 30] [--seed 0] [--steps-ms 5 10]
 
 Objects of each shape are held for five seconds as in `benchmarks.carry`. Slip falls with friction, so that between two
-measured frictions of the coarse physics the one that slips as much is read off a line in log-log; "–": beyond the range.
+measured frictions of the coarse physics the one that slips as much is read off a line in log-log; "–": beyond the
+range.
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 
     python -m benchmarks.handover [--count 20] [--seed 0] [--policy student] [--scene open_floor]
 
-Boxes of 0.5-3.5 kg and 20-40 cm stand on a table 0.45-0.75 m high, at a random bearing within 0.5 rad of the left or the right
-of the start. Success: the pick-up hands over, and for 3 s from then on the robot stands upright with the box in its hands.
-Printed for every run: who carried on, the policy or, where its rehearsal failed, the walking baseline; failures by cause, among
-them runs in which neither rehearsal was safe and the pick-up went on holding.
+Boxes of 0.5-3.5 kg and 20-40 cm stand on a table 0.45-0.75 m high, at a random bearing within 0.5 rad of the left or
+the right of the start. Success: the pick-up hands over, and for 3 s from then on the robot stands upright with the box
+in its hands. Printed for every run: who carried on, the policy or, where its rehearsal failed, the walking baseline;
+failures by cause, among them runs in which neither rehearsal was safe and the pick-up went on holding.
 """
 
 from __future__ import annotations
@@ -52,9 +52,14 @@ def draw(rng: np.random.Generator) -> Draw:
 def run(trial: Draw, policy: str, scene: str, beyond_s: float = BEYOND_S) -> HandOverReport:
     """Simulates until `beyond_s` after the hand-over. Raises `HoticeError` for what cannot be picked up."""
     config = StationConfig(
-        scene=scene, policy=policy, carried=trial.carried, support_height_m=trial.top_m, pick_bearing_rad=trial.bearing_rad,
-        support_near_m=0.24, log_hz=50.0,
-    )  # fmt: skip
+        scene=scene,
+        policy=policy,
+        carried=trial.carried,
+        support_height_m=trial.top_m,
+        pick_bearing_rad=trial.bearing_rad,
+        support_near_m=0.24,
+        log_hz=50.0,
+    )
     station = make_station(config, controller="pickup_then_policy")
     simulator = Simulator(station)
     advance_beyond(station, simulator, beyond_s)

@@ -2,11 +2,11 @@
 
     python -m benchmarks.pickup [--shape box|cylinder|sphere] [--count 100] [--seed 0]
 
-Objects of 0.5-3.5 kg and 20-40 cm stand 1-3 cm behind the edge of a support 0.45-0.8 m high, up to 5 cm to the side and turned by
-up to 15 degrees; friction of palms, object and support 0.8-2. The controller sees the object up to 1 cm and 2 degrees wrong
-for the whole trial, joint angles +- 0.005 rad and velocities +- 0.05 (rad/s, m/s) wrong at every step; the robot starts with
-joints +- 0.01 rad off. Success: lifted, then for 5 s held in the carry state, which is the object within 8 cm and 25 degrees
-of where it is there, seen from the feet. Failures are listed by cause.
+Objects of 0.5-3.5 kg and 20-40 cm stand 1-3 cm behind the edge of a support 0.45-0.8 m high, up to 5 cm to the side and
+turned by up to 15 degrees; friction of palms, object and support 0.8-2. The controller sees the object up to 1 cm and 2
+degrees wrong for the whole trial, joint angles +- 0.005 rad and velocities +- 0.05 (rad/s, m/s) wrong at every step;
+the robot starts with joints +- 0.01 rad off. Success: lifted, then for 5 s held in the carry state, which is the object
+within 8 cm and 25 degrees of where it is there, seen from the feet. Failures are listed by cause.
 """
 
 from __future__ import annotations
@@ -78,10 +78,14 @@ class Result:
 
 def draw(shape: str, rng: np.random.Generator) -> Trial:
     return Trial(
-        carried=ObjectRange(shapes=(shape,)).sample(rng), top_m=rng.uniform(0.45, 0.8), inset_m=rng.uniform(0.01, 0.03),
-        lateral_m=rng.uniform(-0.05, 0.05), yaw_rad=np.radians(rng.uniform(-15, 15)), friction=rng.uniform(0.8, 2.0),
+        carried=ObjectRange(shapes=(shape,)).sample(rng),
+        top_m=rng.uniform(0.45, 0.8),
+        inset_m=rng.uniform(0.01, 0.03),
+        lateral_m=rng.uniform(-0.05, 0.05),
+        yaw_rad=np.radians(rng.uniform(-15, 15)),
+        friction=rng.uniform(0.8, 2.0),
         seed=int(rng.integers(2**31)),
-    )  # fmt: skip
+    )
 
 
 def table(trial: Trial) -> Scene:
@@ -111,9 +115,14 @@ class Noise:
             return x + self.rng.uniform(-size, size, x.shape)
 
         return replace(
-            m, joint_pos=off(m.joint_pos, 0.005), joint_vel=off(m.joint_vel, 0.05), v_WP=off(m.v_WP, 0.05),
-            w_WP_P=off(m.w_WP_P, 0.05), p_WO=m.p_WO + self.shift, quat_WO=frames.quat_mul(self.turn, m.quat_WO),
-        )  # fmt: skip
+            m,
+            joint_pos=off(m.joint_pos, 0.005),
+            joint_vel=off(m.joint_vel, 0.05),
+            v_WP=off(m.v_WP, 0.05),
+            w_WP_P=off(m.w_WP_P, 0.05),
+            p_WO=m.p_WO + self.shift,
+            quat_WO=frames.quat_mul(self.turn, m.quat_WO),
+        )
 
 
 def run(trial: Trial, *, noisy: bool = True, watch=None) -> Result:

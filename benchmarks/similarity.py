@@ -1,8 +1,10 @@
-"""How far the unseen scenes are from the training scenes: each one's largest similarity over the set (IV, unseen scenes).
+"""How far the unseen scenes are from the training scenes: each one's largest similarity over the set (IV, unseen
+scenes).
 
 `python -m benchmarks.similarity [--unseen unseen50] [--training train75]`, sets or families as in `hotice evaluate`.
 Prints the histogram, the time of the comparison, and the unseen scenes least and most like the training set.
-`python -m benchmarks.similarity --policy student` compares to what a policy and its ancestors were trained on, group by group.
+`python -m benchmarks.similarity --policy student` compares to what a policy and its ancestors were trained on, group by
+group.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@
     done
     python -m benchmarks.spread r-*.json.trials
 
-A ratio of 1: trials are independent. Sampling alone gives 1 ± 1/√(2 T), T being the trials of a scene, all seeds together.
+A ratio of 1: trials are independent. Sampling alone gives 1 ± 1/√(2 T), T being the trials of a scene, all seeds
+together.
 """
 
 from __future__ import annotations

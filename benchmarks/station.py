@@ -2,11 +2,11 @@
 
     python -m benchmarks.station [--seconds 8] [--rounds 7] [--controllers] [--json out.json]
 
-Speed: the same policy, fields, servo and physics, once as a plain loop and once as a station, in turns in one process; CPU
-time of the process, medians over rounds, and whether the states at the end are equal bit for bit. `motor`: the motors' own
-servos, commands held for a control period as in training; `pd`: a servo commands torques every 2 ms.
-Plants: two seconds of standing with the box, largest distance between the pelvises. Controllers (`--controllers`): pick-up
-and walk, simulated seconds per second.
+Speed: the same policy, fields, servo and physics, once as a plain loop and once as a station, in turns in one process;
+CPU time of the process, medians over rounds, and whether the states at the end are equal bit for bit. `motor`: the
+motors' own servos, commands held for a control period as in training; `pd`: a servo commands torques every 2 ms.
+Plants: two seconds of standing with the box, largest distance between the pelvises. Controllers (`--controllers`):
+pick-up and walk, simulated seconds per second.
 """
 
 from __future__ import annotations
@@ -102,9 +102,13 @@ def speed(name: str, config: StationConfig, seconds: float, rounds: int) -> dict
             times.append((a, b))
     a, b = np.median(times, axis=0)
     return {
-        "station": name, "physics_dt_s": station.physics_dt_s, "plain_x": seconds / a, "station_x": seconds / b,
-        "share": float(np.median([x / y for x, y in times])), "bitwise": equal,
-    }  # fmt: skip
+        "station": name,
+        "physics_dt_s": station.physics_dt_s,
+        "plain_x": seconds / a,
+        "station_x": seconds / b,
+        "share": float(np.median([x / y for x, y in times])),
+        "bitwise": equal,
+    }
 
 
 def environment(seconds: float) -> float:
@@ -180,20 +184,26 @@ def main() -> None:
     args = parser.parse_args()
     console = Console(width=None if Console().is_terminal else 120)
     runs = {
-        "policy, motor": StationConfig(), "policy, motor, beam": StationConfig(scene="beam"),
+        "policy, motor": StationConfig(),
+        "policy, motor, beam": StationConfig(scene="beam"),
         "policy, motor, 2 ms": StationConfig(physics_dt_s=0.002),
         "policy, motor, 2 ms, elliptic": StationConfig(physics_dt_s=0.002, elliptic=True),
         "policy, pd": StationConfig(servo="pd"),
-    }  # fmt: skip
+    }
     report: dict[str, Any] = {"speed": [speed(name, c, args.seconds, args.rounds) for name, c in runs.items()]}
     table = Table(title=f"Plain MuJoCo and the station: {args.seconds:g} s, {args.rounds} rounds, CPU time")
     for column in ("station", "step", "plain", "station", "share", f"≥ {SPEED_BAR}", "bitwise"):
         table.add_column(column, justify="right")
     for r in report["speed"]:
         table.add_row(
-            r["station"], f"{1e3 * r['physics_dt_s']:g} ms", f"{r['plain_x']:.1f}×", f"{r['station_x']:.1f}×",
-            f"{r['share']:.2f}", mark(r["share"] >= SPEED_BAR), mark(r["bitwise"]),
-        )  # fmt: skip
+            r["station"],
+            f"{1e3 * r['physics_dt_s']:g} ms",
+            f"{r['plain_x']:.1f}×",
+            f"{r['station_x']:.1f}×",
+            f"{r['share']:.2f}",
+            mark(r["share"] >= SPEED_BAR),
+            mark(r["bitwise"]),
+        )
     console.print(table)
     report["environment_x"] = environment(args.seconds)
     console.print(f"the training environment with one robot: {report['environment_x']:.1f}×")

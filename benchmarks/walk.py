@@ -2,10 +2,10 @@
 
     python -m benchmarks.walk [--rollouts 100] [--scenes bench20] [--scene-rollouts 5] [--seed 0]
 
-Success as the project scores policies (paper, V-A): the root comes within 0.1 m of the goal before any fall, drop or collision
-of robot or object, exact geometry in every physics step; starts are spread by 3 cm and 0.1 rad, objects are the evaluator's.
-The baseline walks slower than the policies, so each trial goes on to the horizon and is scored twice: at 5 s, as the paper
-does, and at the horizon. The state is exact: no noise, delays or pushes.
+Success as the project scores policies (paper, V-A): the root comes within 0.1 m of the goal before any fall, drop or
+collision of robot or object, exact geometry in every physics step; starts are spread by 3 cm and 0.1 rad, objects are
+the evaluator's. The baseline walks slower than the policies, so each trial goes on to the horizon and is scored twice:
+at 5 s, as the paper does, and at the horizon. The state is exact: no noise, delays or pushes.
 """
 
 from __future__ import annotations
@@ -112,8 +112,24 @@ def report(console: Console, results: dict[str, list[Trial]], horizon_s: float) 
         table = Table(
             title=f"walking baseline, {title}: success and mean distance when scored at {PAPER_S:g} s and at {horizon_s:g} s"
         )
-        for column in ("scene", "trials", f"{PAPER_S:g} s", f"{horizon_s:g} s", "95 %", "m, 5 s", f"m, {horizon_s:g} s",
-                       "s", "m/s", "fall", "drop", "robot", "object", "late", "no plan", "fault"):  # fmt: skip
+        for column in (
+            "scene",
+            "trials",
+            f"{PAPER_S:g} s",
+            f"{horizon_s:g} s",
+            "95 %",
+            "m, 5 s",
+            f"m, {horizon_s:g} s",
+            "s",
+            "m/s",
+            "fall",
+            "drop",
+            "robot",
+            "object",
+            "late",
+            "no plan",
+            "fault",
+        ):
             table.add_column(column, justify="right")
         for name, trials in rows.items():
             add_row(table, name, trials, horizon_s)
@@ -139,13 +155,18 @@ def add_row(table: Table, name: str, trials: list[Trial], horizon_s: float) -> N
     mean = float(np.mean(times)) if times else float("nan")
     counts = full.outcomes
     table.add_row(
-        name.removeprefix("bench20/"), str(full.rollouts), f"{short.successes / short.rollouts:.0%}",
+        name.removeprefix("bench20/"),
+        str(full.rollouts),
+        f"{short.successes / short.rollouts:.0%}",
         f"{full.successes / full.rollouts:.0%}",
-        f"{low:.0%}-{high:.0%}", f"{np.mean(short.distance_m):.2f}", f"{np.mean(full.distance_m):.2f}", f"{mean:.2f}",
-        f"{(2.0 - GOAL_M) / mean:.2f}", *(str(counts.get(k, 0)) for k in (
-            "fall", "drop", "robot_collision", "object_collision", "timeout", "no_plan")),
+        f"{low:.0%}-{high:.0%}",
+        f"{np.mean(short.distance_m):.2f}",
+        f"{np.mean(full.distance_m):.2f}",
+        f"{mean:.2f}",
+        f"{(2.0 - GOAL_M) / mean:.2f}",
+        *(str(counts.get(k, 0)) for k in ("fall", "drop", "robot_collision", "object_collision", "timeout", "no_plan")),
         str(sum(t.faults for t in trials)),
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

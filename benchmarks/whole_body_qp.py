@@ -4,9 +4,9 @@
 
 A solver may be given a tolerance of its own; torques are compared with those of the first.
 
-The states, tasks and contacts of every step are recorded from a simulated pick-up with noise, then solved again in their order
-from a warm start, alone. Time is that of the process (what other processes take does not count); --elapsed uses the clock on
-the wall. Use one core: OMP_NUM_THREADS=1 taskset -c 0.
+The states, tasks and contacts of every step are recorded from a simulated pick-up with noise, then solved again in
+their order from a warm start, alone. Time is that of the process (what other processes take does not count); --elapsed
+uses the clock on the wall. Use one core: OMP_NUM_THREADS=1 taskset -c 0.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """`numba.njit` with a cache on disk that is as old as all of hotice's compiled sources.
 
-numba compiles a cached function anew when its own file changes, but not when a function that it calls, in another file, does:
-the stale machine code may crash. Here the cache lies in a folder named by the content of every module that compiles.
+numba compiles a cached function anew when its own file changes, but not when a function that it calls, in another file,
+does: the stale machine code may crash. Here the cache lies in a folder named by the content of every module that
+    compiles.
 """
 
 from __future__ import annotations
@@ -42,9 +43,8 @@ def _cache_folder() -> Path:
         pass
     if os.access(folder, os.W_OK):
         return folder
-    return Path(
-        tempfile.mkdtemp(prefix="hotice-numba-")
-    )  # of this process alone: others could have filled a shared one
+    # of this process alone: others could have filled a shared one
+    return Path(tempfile.mkdtemp(prefix="hotice-numba-"))
 
 
 def _digest() -> str:

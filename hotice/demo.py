@@ -2,8 +2,8 @@
 
     python -m hotice.demo [--out out/demo] [--rollouts 20]
 
-Builds the fields of open floor, pipe and side gap, scores the policy with exact geometry, and writes a table (JSON), one
-self-contained replay page and an overview picture.
+Builds the fields of open floor, pipe and side gap, scores the policy with exact geometry, and writes a table (JSON),
+one self-contained replay page and an overview picture.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def run(config: DemoConfig) -> None:
             seed=config.seed,
             out=report,
             perturbed=False,
-        )  # fmt: skip
+        )
     )
     boxes = [Box((0.30, 0.30, 0.30), 1.5), Box((0.25, 0.38, 0.22), 2.5), Box((0.22, 0.25, 0.35), 3.0)]
     states = [solve_carry(box) for box in boxes[: config.shown]]

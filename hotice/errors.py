@@ -1,7 +1,7 @@
 """Errors that hotice raises on purpose.
 
-Every message says what came, what is allowed and, where it helps, how to mend it. The command line prints the message of
-a `HoticeError` on one line and exits with status 2; anything else is a defect and keeps its traceback.
+Every message says what came, what is allowed and, where it helps, how to mend it. The command line prints the message
+of a `HoticeError` on one line and exits with status 2; anything else is a defect and keeps its traceback.
 """
 
 from collections.abc import Iterable

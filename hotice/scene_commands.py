@@ -186,9 +186,13 @@ def generate(config: Flat[GenerateConfig]) -> int:
 
 
 COMMANDS = {
-    "import": import_map, "import-front3d": import_front3d, "show": show, "check": check, "list": list_scenes,
+    "import": import_map,
+    "import-front3d": import_front3d,
+    "show": show,
+    "check": check,
+    "list": list_scenes,
     "generate": generate,
-}  # fmt: skip
+}
 
 
 def main(argv: Sequence[str]) -> int:

@@ -1,4 +1,5 @@
-"""Files from elsewhere are parsed, never executed: nothing in the package can unpickle, or run code that a file brings."""
+"""Files from elsewhere are parsed, never executed: nothing in the package can unpickle, or run code that a file
+brings."""
 
 import ast
 import pickle
@@ -22,10 +23,23 @@ MODULES = (
     "jsonpickle",
 )
 NEVER = (
-    "eval", "exec", "builtins.eval", "builtins.exec", "pandas.read_pickle", "torch.jit.load", "torch.hub.load",
-    "torch.package.PackageImporter", "yaml.unsafe_load", "yaml.unsafe_load_all", "yaml.full_load", "yaml.full_load_all",
-    "numpy.lib.format.read_array", "torch.serialization.load", "torch.storage._load_from_bytes", "scipy.io.loadmat",
-)  # fmt: skip
+    "eval",
+    "exec",
+    "builtins.eval",
+    "builtins.exec",
+    "pandas.read_pickle",
+    "torch.jit.load",
+    "torch.hub.load",
+    "torch.package.PackageImporter",
+    "yaml.unsafe_load",
+    "yaml.unsafe_load_all",
+    "yaml.full_load",
+    "yaml.full_load_all",
+    "numpy.lib.format.read_array",
+    "torch.serialization.load",
+    "torch.storage._load_from_bytes",
+    "scipy.io.loadmat",
+)
 SAFE_LOADERS = {"yaml.SafeLoader", "yaml.CSafeLoader", "yaml.BaseLoader"}
 
 
@@ -103,23 +117,43 @@ def test_nothing_in_the_package_can_unpickle():
 
 
 BAD = (
-    "import pickle", "import _pickle as p", "from pickle import loads", "import joblib.numpy_pickle", "from dill import load",
-    "import torch\ntorch.load(path)", "import torch as t\nt.load(path, weights_only=False)", "from torch import load\nload(path)",
-    "import torch\ntorch.load(path, weights_only=flag)", "import torch.jit\ntorch.jit.load(path)",
-    "import numpy as np\nnp.load(path, allow_pickle=True)", "from numpy import load\nload(path, allow_pickle=flag)",
-    "import yaml\nyaml.load(text)", "import yaml\nyaml.load(text, yaml.Loader)", 
+    "import pickle",
+    "import _pickle as p",
+    "from pickle import loads",
+    "import joblib.numpy_pickle",
+    "from dill import load",
+    "import torch\ntorch.load(path)",
+    "import torch as t\nt.load(path, weights_only=False)",
+    "from torch import load\nload(path)",
+    "import torch\ntorch.load(path, weights_only=flag)",
+    "import torch.jit\ntorch.jit.load(path)",
+    "import numpy as np\nnp.load(path, allow_pickle=True)",
+    "from numpy import load\nload(path, allow_pickle=flag)",
+    "import yaml\nyaml.load(text)",
+    "import yaml\nyaml.load(text, yaml.Loader)",
     "import yaml\nyaml.load(text, Loader=yaml.FullLoader)",
-    "from yaml import unsafe_load\nunsafe_load(text)", "import yaml\nclass L(yaml.Loader): pass\nyaml.load(text, L)",
-    "eval(text)", "exec(text)", "import pandas as pd\npd.read_pickle(path)", "import torch\nload = torch.jit.load",
-    "import importlib\nimportlib.import_module('pickle')", "def f():\n    import marshal",
-)  # fmt: skip
+    "from yaml import unsafe_load\nunsafe_load(text)",
+    "import yaml\nclass L(yaml.Loader): pass\nyaml.load(text, L)",
+    "eval(text)",
+    "exec(text)",
+    "import pandas as pd\npd.read_pickle(path)",
+    "import torch\nload = torch.jit.load",
+    "import importlib\nimportlib.import_module('pickle')",
+    "def f():\n    import marshal",
+)
 GOOD = (
     "import yaml\nyaml.load(text, L)\nclass L(yaml.SafeLoader): pass",
-    "import torch\ntorch.load(path, weights_only=True)", "import numpy as np\nnp.load(path)", "net.eval()", "self.load(path)",
-    "import numpy as np\nnp.load(path, allow_pickle=False)", "import yaml\nyaml.safe_load(text)", "import json\njson.load(f)",
-    "import yaml\nclass L(yaml.SafeLoader): pass\nyaml.load(text, L)", "import yaml\nyaml.load(text, Loader=yaml.SafeLoader)",
+    "import torch\ntorch.load(path, weights_only=True)",
+    "import numpy as np\nnp.load(path)",
+    "net.eval()",
+    "self.load(path)",
+    "import numpy as np\nnp.load(path, allow_pickle=False)",
+    "import yaml\nyaml.safe_load(text)",
+    "import json\njson.load(f)",
+    "import yaml\nclass L(yaml.SafeLoader): pass\nyaml.load(text, L)",
+    "import yaml\nyaml.load(text, Loader=yaml.SafeLoader)",
     "from safetensors.torch import load\nload(content)",
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("source", BAD)

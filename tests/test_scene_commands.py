@@ -78,8 +78,10 @@ def test_an_import_that_cannot_be_written_leaves_nothing(tmp_path, capsys):
     import trimesh
 
     floor = [[(-2, -2, 0), (4, -2, 0), (4, 2, 0)], [(-2, -2, 0), (4, 2, 0), (-2, 2, 0)]]
-    boxes = [trimesh.creation.box((0.3, 0.3, h), trimesh.transformations.translation_matrix((0.8 + h, 0.7, h / 2)))
-             for h in (0.4, 0.8)]  # fmt: skip
+    boxes = [
+        trimesh.creation.box((0.3, 0.3, h), trimesh.transformations.translation_matrix((0.8 + h, 0.7, h / 2)))
+        for h in (0.4, 0.8)
+    ]
     corners = np.concatenate([floor, *(b.vertices[b.faces] for b in boxes)])
     lines = [f"v {x} {y} {z}" for x, y, z in corners.reshape(-1, 3)]
     lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(lines), 3)]

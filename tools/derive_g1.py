@@ -3,8 +3,8 @@
     python tools/derive_g1.py
 
 Reads `g1_29dof_rev_1_0.urdf` of the `example-robot-data` package through Pinocchio, which merges the links behind fixed
-joints (logo, head, hands, sensors) into the body that carries them. Geometry, sites, armature and actuators are the tables
-below. Lengths in metres, in the frame of the body that the row names; rows of the left side are mirrored in y.
+joints (logo, head, hands, sensors) into the body that carries them. Geometry, sites, armature and actuators are the
+tables below. Lengths in metres, in the frame of the body that the row names; rows of the left side are mirrored in y.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ GEOMETRY: dict[str, list[tuple]] = {
     ],
 }
 
-# geometry that the carried object may lean against (the rest of the body ignores it, which keeps contact detection cheap)
+# geometry that the carried object may lean against (the rest of the body ignores it, which keeps contact detection
+# cheap)
 TRUNK = ("pelvis", "torso_link", "left_hip_yaw_link", "right_hip_yaw_link")
 
 # geometry that the floor does not meet: of a standing foot, which stands on its soles
@@ -84,12 +85,23 @@ SITES = {
 
 # rotor inertia at the joint [kg m^2], by the end of the joint's name (public motor data)
 ARMATURE = {
-    "hip_pitch_joint": 0.01018, "hip_roll_joint": 0.0251, "hip_yaw_joint": 0.01018, "knee_joint": 0.0251,
-    "ankle_pitch_joint": 0.00722, "ankle_roll_joint": 0.00722, "waist_yaw_joint": 0.01018, "waist_roll_joint": 0.00722,
-    "waist_pitch_joint": 0.00722, "shoulder_pitch_joint": 0.00361, "shoulder_roll_joint": 0.00361,
-    "shoulder_yaw_joint": 0.00361, "elbow_joint": 0.00361, "wrist_roll_joint": 0.00361, "wrist_pitch_joint": 0.00425,
+    "hip_pitch_joint": 0.01018,
+    "hip_roll_joint": 0.0251,
+    "hip_yaw_joint": 0.01018,
+    "knee_joint": 0.0251,
+    "ankle_pitch_joint": 0.00722,
+    "ankle_roll_joint": 0.00722,
+    "waist_yaw_joint": 0.01018,
+    "waist_roll_joint": 0.00722,
+    "waist_pitch_joint": 0.00722,
+    "shoulder_pitch_joint": 0.00361,
+    "shoulder_roll_joint": 0.00361,
+    "shoulder_yaw_joint": 0.00361,
+    "elbow_joint": 0.00361,
+    "wrist_roll_joint": 0.00361,
+    "wrist_pitch_joint": 0.00425,
     "wrist_yaw_joint": 0.00425,
-}  # fmt: skip
+}
 ANKLE_EFFORT = 50.0  # N m: both motors of the parallel ankle, as Unitree's later models state it (URDF: 35)
 WAIST_EFFORT = 50.0  # N m: same drive as the ankle
 

@@ -94,8 +94,9 @@ def _views(top, side, scene: Scene) -> None:
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     above, beside = (np.ones((n, len(axes[0]), 3)) for n in (len(axes[1]), len(axes[2])))
     for category in CATEGORIES:
-        part = Scene("part", scene.bounds_m, scene.start, scene.goal,
-                     tuple(o for o in scene.obstacles if o.category == category))  # fmt: skip
+        part = Scene(
+            "part", scene.bounds_m, scene.start, scene.goal, tuple(o for o in scene.obstacles if o.category == category)
+        )
         solid = part.signed_distance(points) < 0.5 * SPACING_M
         for image, seen in ((above, solid.any(axis=2).T), (beside, solid.any(axis=1).T)):
             image[seen] = 0.35 * image[seen] + 0.65 * np.array(COLORS[category])

@@ -1,11 +1,13 @@
 """Writes what the shipped policies were trained on, from the training ledger: `python -m tools.record_shipped`.
 
-They were trained before runs kept a record. `RUNS` repeats hotice/policies/LEDGER.md: the scenes of each run in the line, and
-what it began from or learnt from. The records go into `checkpoints/*/meta.json` and into the descriptions of the .onnx files,
-marked `ledger`; weights stay what they are. Scenes that the last run's own configuration names are marked `run`.
+They were trained before runs kept a record. `RUNS` repeats hotice/policies/LEDGER.md: the scenes of each run in the
+line, and what it began from or learnt from. The records go into `checkpoints/*/meta.json` and into the descriptions of
+the .onnx files, marked `ledger`; weights stay what they are. Scenes that the last run's own configuration names are
+marked `run`.
 
-The generator gives the same scenes today as when they were trained on: the graded families (open, pipe, step, gap, pillars,
-table_edge, beam, hanging, combo) have not changed since the first run, nor have the others since the sets were shipped.
+The generator gives the same scenes today as when they were trained on: the graded families (open, pipe, step, gap,
+pillars, table_edge, beam, hanging, combo) have not changed since the first run, nor have the others since the sets were
+shipped.
 """
 
 from __future__ import annotations
@@ -31,51 +33,149 @@ def _scenes(*named: str, **families: int) -> tuple[str, ...]:
     return (*named, *(f"family:{name}:{count}" for name, count in families.items()))
 
 
-WALK = _scenes(
-    "open_floor", open=24, pipe=14, step=12, gap=14, pillars=12, table_edge=12, beam=18, hanging=10, combo=8
-)  # fmt: skip
+WALK = _scenes("open_floor", open=24, pipe=14, step=12, gap=14, pillars=12, table_edge=12, beam=18, hanging=10, combo=8)
 WALK3 = _scenes(
     "open_floor", open=16, pipe=14, step=10, gap=12, pillars=16, table_edge=12, beam=20, hanging=10, combo=8
-)  # fmt: skip
+)
 WALK4 = _scenes(
     "open_floor", open=16, pipe=14, step=10, gap=12, pillars=16, table_edge=16, beam=20, hanging=10, combo=8
-)  # fmt: skip
+)
 STU1 = _scenes(
-    "open_floor", "train75", open=12, pipe=10, step=8, gap=8, pillars=10, table_edge=12, beam=14, hanging=8, combo=8,
-    one_pipe=10, one_step=10, two_pipes=6, beam_across=10, lamps=8, combination=10,
-)  # fmt: skip
+    "open_floor",
+    "train75",
+    open=12,
+    pipe=10,
+    step=8,
+    gap=8,
+    pillars=10,
+    table_edge=12,
+    beam=14,
+    hanging=8,
+    combo=8,
+    one_pipe=10,
+    one_step=10,
+    two_pipes=6,
+    beam_across=10,
+    lamps=8,
+    combination=10,
+)
 STU4 = _scenes(
-    "open_floor", "train75", open=8, pipe=14, step=12, gap=6, pillars=10, table_edge=10, beam=14, hanging=8, combo=8,
-    one_pipe=14, one_step=14, two_pipes=8, beam_across=12, lamps=8, combination=10,
-)  # fmt: skip
+    "open_floor",
+    "train75",
+    open=8,
+    pipe=14,
+    step=12,
+    gap=6,
+    pillars=10,
+    table_edge=10,
+    beam=14,
+    hanging=8,
+    combo=8,
+    one_pipe=14,
+    one_step=14,
+    two_pipes=8,
+    beam_across=12,
+    lamps=8,
+    combination=10,
+)
 STU10 = _scenes(
-    "open_floor", "bench20", "train75", open=4, pipe=6, step=6, pillars=5, table_edge=4, beam=8, one_pipe=6, one_step=6,
-    two_pipes=6, beam_across=6, combination=6, slalom=6, gauntlet=6, two_steps=4,
-)  # fmt: skip
+    "open_floor",
+    "bench20",
+    "train75",
+    open=4,
+    pipe=6,
+    step=6,
+    pillars=5,
+    table_edge=4,
+    beam=8,
+    one_pipe=6,
+    one_step=6,
+    two_pipes=6,
+    beam_across=6,
+    combination=6,
+    slalom=6,
+    gauntlet=6,
+    two_steps=4,
+)
 CLEAN1 = _scenes(
-    "open_floor", "bench20", "train75", open=4, pipe=6, step=6, pillars=5, table_edge=4, beam=20, one_pipe=6, one_step=6,
-    two_pipes=6, beam_across=16, combination=10, slalom=6, gauntlet=6, two_steps=4,
-)  # fmt: skip
+    "open_floor",
+    "bench20",
+    "train75",
+    open=4,
+    pipe=6,
+    step=6,
+    pillars=5,
+    table_edge=4,
+    beam=20,
+    one_pipe=6,
+    one_step=6,
+    two_pipes=6,
+    beam_across=16,
+    combination=10,
+    slalom=6,
+    gauntlet=6,
+    two_steps=4,
+)
 SPEC1 = _scenes("bench20/08_beam_across", "bench20/18_combination", "bench20/07_beam_across", beam=24, beam_across=24)
 DAG2 = _scenes(
-    "open_floor", "bench20", "train75", open=2, pipe=3, step=3, pillars=3, table_edge=3, beam=8, one_pipe=3, one_step=3,
-    two_pipes=4, beam_across=8, combination=6, slalom=4, gauntlet=4, two_steps=3,
-)  # fmt: skip
+    "open_floor",
+    "bench20",
+    "train75",
+    open=2,
+    pipe=3,
+    step=3,
+    pillars=3,
+    table_edge=3,
+    beam=8,
+    one_pipe=3,
+    one_step=3,
+    two_pipes=4,
+    beam_across=8,
+    combination=6,
+    slalom=4,
+    gauntlet=4,
+    two_steps=3,
+)
 
 RUNS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "walk1": (WALK, ()), "walk2": (WALK, ("walk1",)), "walk3": (WALK3, ("walk2",)), "walk4": (WALK4, ("walk3",)),
-    "stu1": (STU1, ("walk4",)), "stu2": (STU1, ("stu1",)), "stu3": (STU1, ("stu2",)), "stu4": (STU4, ("stu3",)),
-    "stu6": (STU4, ("stu4",)), "scan1": (STU4, ("stu6",)), "scan2": (STU4, ("scan1",)), "scan3": (STU4, ("scan2",)),
-    "stu7": (STU4, ("scan3",)), "stu8": (STU4, ("stu7",)), "stu10": (STU10, ("stu8",)), "stu11": (STU10, ("stu10",)),
-    "stu13": (STU10, ("stu11",)), "clean1": (CLEAN1, ("stu11", "stu13")), "dag1": (CLEAN1, ("clean1",)),
-    "ft1": (CLEAN1, ("dag1",)), "ft2": (CLEAN1, ("ft1",)), "ft3": (CLEAN1, ("ft1",)),
-    "rob1": (CLEAN1, ("ft1", "ft2", "ft3")), "spec1": (SPEC1, ("ft1", "ft2", "ft3", "rob1")),
-    "dag2": (DAG2, ("rob1", "spec1")), "ftA": (DAG2, ("rob1",)), "ftB": (DAG2, ("dag2",)), "ftC": (DAG2, ("ftB",)),
-    "ftE": (DAG2, ("ftC", "ftA", "ftB")), "ftF": (DAG2, ("ftC", "ftE")), "ftG": (DAG2, ("ftC", "ftE")),
-    "ftH": (DAG2, ("ftF", "ftG")), "ftI": (DAG2, ("ftF", "ftG")), "ftJ": (DAG2, ("ftH", "ftI")),
+    "walk1": (WALK, ()),
+    "walk2": (WALK, ("walk1",)),
+    "walk3": (WALK3, ("walk2",)),
+    "walk4": (WALK4, ("walk3",)),
+    "stu1": (STU1, ("walk4",)),
+    "stu2": (STU1, ("stu1",)),
+    "stu3": (STU1, ("stu2",)),
+    "stu4": (STU4, ("stu3",)),
+    "stu6": (STU4, ("stu4",)),
+    "scan1": (STU4, ("stu6",)),
+    "scan2": (STU4, ("scan1",)),
+    "scan3": (STU4, ("scan2",)),
+    "stu7": (STU4, ("scan3",)),
+    "stu8": (STU4, ("stu7",)),
+    "stu10": (STU10, ("stu8",)),
+    "stu11": (STU10, ("stu10",)),
+    "stu13": (STU10, ("stu11",)),
+    "clean1": (CLEAN1, ("stu11", "stu13")),
+    "dag1": (CLEAN1, ("clean1",)),
+    "ft1": (CLEAN1, ("dag1",)),
+    "ft2": (CLEAN1, ("ft1",)),
+    "ft3": (CLEAN1, ("ft1",)),
+    "rob1": (CLEAN1, ("ft1", "ft2", "ft3")),
+    "spec1": (SPEC1, ("ft1", "ft2", "ft3", "rob1")),
+    "dag2": (DAG2, ("rob1", "spec1")),
+    "ftA": (DAG2, ("rob1",)),
+    "ftB": (DAG2, ("dag2",)),
+    "ftC": (DAG2, ("ftB",)),
+    "ftE": (DAG2, ("ftC", "ftA", "ftB")),
+    "ftF": (DAG2, ("ftC", "ftE")),
+    "ftG": (DAG2, ("ftC", "ftE")),
+    "ftH": (DAG2, ("ftF", "ftG")),
+    "ftI": (DAG2, ("ftF", "ftG")),
+    "ftJ": (DAG2, ("ftH", "ftI")),
     "ftK": (DAG2, ("ftH", "ftI")),
-}  # fmt: skip
-"""Scenes of each run of the ledger that a shipped policy descends from, and the runs that it began from or learnt from."""
+}
+"""Scenes of each run of the ledger that a shipped policy descends from, and the runs that it began from or learnt
+from."""
 SHIPPED = {"carry": ("walk4",), "teacher": ("rob1",), "student": ("ftJ", "ftK")}
 """Runs that each shipped policy is, or is the average of."""
 

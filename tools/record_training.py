@@ -1,9 +1,11 @@
 """Writes by hand what a checkpoint was trained on, for one that was trained before runs kept a record of it:
 
-`python -m tools.record_training CHECKPOINT --scenes open_floor bench20 family:beam:20 [--behind CHECKPOINT …] [--told-by hand]`
+`python -m tools.record_training CHECKPOINT --scenes open_floor bench20 family:beam:20 [--behind CHECKPOINT …]
+[--told-by hand]`
 
-`--scenes`: as its `hotice train` was given, by default as its `meta.json` says; `--behind`: what it began from, its teachers and
-the parts of an average, whose records are taken over. Only `meta.json` changes. Export the policy again afterwards.
+`--scenes`: as its `hotice train` was given, by default as its `meta.json` says; `--behind`: what it began from, its
+teachers and the parts of an average, whose records are taken over. Only `meta.json` changes. Export the policy again
+afterwards.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Who touches what: four points per foot on the floor, one per hand on the object, linearised friction cones, the load.
 
-The object's mass enters as the load of the hands: m (a_O − g) = −Σ f over both hands, where a_O is the mean acceleration of
-the points at which they hold it.
+The object's mass enters as the load of the hands: m (a_O − g) = −Σ f over both hands, where a_O is the mean
+acceleration of the points at which they hold it.
 """
 
 from __future__ import annotations
@@ -16,8 +16,12 @@ from hotice.compiled import compiled
 Array = NDArray[np.float64]
 GRAVITY = 9.81
 FOOT_POINTS = 4
-SOLE_POINTS_M = np.array([[[-0.05, s * 0.025, -0.035], [-0.05, -s * 0.025, -0.035], [0.12, s * 0.03, -0.035],
-                           [0.12, -s * 0.03, -0.035]] for s in (1.0, -1.0)])  # fmt: skip
+SOLE_POINTS_M = np.array(
+    [
+        [[-0.05, s * 0.025, -0.035], [-0.05, -s * 0.025, -0.035], [0.12, s * 0.03, -0.035], [0.12, -s * 0.03, -0.035]]
+        for s in (1.0, -1.0)
+    ]
+)
 """(2, 4, 3) where the soles touch the floor, in the frame of the ankle-roll link [m]; a test holds them to g1.xml."""
 PALM_M = np.array([[0.0, -0.02, 0.0], [0.0, 0.02, 0.0]])
 """(2, 3) middle of the palms' surfaces in the hand frames [m]."""
@@ -30,8 +34,8 @@ class Contacts:
 
     Attributes:
         foot_force_max_n: (2,) largest normal force of each sole point; 0 where the foot is in the air.
-        hand_normal_W: (2, 3) unit, from the object into the hand. hand_force_ref_W: (2, 3) wished force on each hand [N],
-            beside the load. hand_force_max_n: (2,) largest normal force; 0 where the hand is free.
+        hand_normal_W: (2, 3) unit, from the object into the hand. hand_force_ref_W: (2, 3) wished force on each hand
+            [N], beside the load. hand_force_max_n: (2,) largest normal force; 0 where the hand is free.
         hand_point: (2, 3) where the force acts, in the hand frame [m]: the middle of the palm's surface.
         hand_moment_W: (2, 3) known moments on the hands [N m]: of a load whose centre is not between the palms.
         load_kg: mass that the hands carry, 0 while a support carries it.

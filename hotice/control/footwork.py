@@ -1,8 +1,9 @@
 """Steps with an object in the hands, on a course known from the start: back, and turning.
 
-The zero-moment point rests under the standing foot while the other swings and moves over while both stand; the centre of mass
-is the only course p = c − (h/g) c̈ that has it and stays bounded, solved as one banded system. The body moves as one piece.
-Linear inverted pendulum: Kajita et al., Biped walking pattern generation by using preview control of zero-moment point, 2003.
+The zero-moment point rests under the standing foot while the other swings and moves over while both stand; the centre
+of mass is the only course p = c − (h/g) c̈ that has it and stays bounded, solved as one banded system. The body moves
+as one piece. Linear inverted pendulum: Kajita et al., Biped walking pattern generation by using preview control of
+zero-moment point, 2003.
 """
 
 from __future__ import annotations
@@ -70,7 +71,9 @@ class Swing:
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """Where the body is: shift (2,) of its centre of mass since the start [m], acceleration (2,), turn [rad] since then."""
+    """Where the body is: shift (2,) of its centre of mass since the start [m], acceleration (2,), turn [rad] since
+    then.
+    """
 
     shift: Array
     acceleration: Array
@@ -142,7 +145,8 @@ def plan_steps(feet: Array, com: Array, height_m: float, departure: Departure) -
     """Course of stepping back along the heading of the feet and turning.
 
     Args:
-        feet: (2, 4) ankles, left and right: x, y, z [m], yaw [rad]. com: (2,) centre of mass of robot and load, at rest.
+        feet: (2, 4) ankles, left and right: x, y, z [m], yaw [rad]. com: (2,) centre of mass of robot and load, at
+            rest.
         height_m: of the centre of mass above the soles. departure: how far.
     """
     yaw = float(feet[:, 3].mean())

@@ -12,8 +12,9 @@ from hotice.model.carry import CarryState, carry_state_at
 def end_state(pickup: Pickup) -> CarryState:
     """The carry state at the end of the planned pick-up: its grasp, its locked wrists, its squeeze.
 
-    It is not that of `solve_carry`: the palms hold above the object's centre, boxes at the front of the palms, and the wrists
-    are locked as the grasp needs them. A policy reads this state as its own and offsets its targets from the ones that hold it.
+    It is not that of `solve_carry`: the palms hold above the object's centre, boxes at the front of the palms, and the
+    wrists are locked as the grasp needs them. A policy reads this state as its own and offsets its targets from the
+    ones that hold it.
     """
     plan, planner = pickup.expected, pickup.planner
     end = plan.retreat[-1]

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 def drive_by_torque(model: mujoco.MjModel) -> None:
     """Turns the position servos of a model of `build_model` into motors, in place: ctrl is then a torque [N m].
 
-    The motors of a perturbed model (`hotice.model.dynamics`) keep their strength: a command gives as much more or less torque.
+    The motors of a perturbed model (`hotice.model.dynamics`) keep their strength: a command gives as much more or less
+    torque.
     """
     model.actuator_gainprm[:, 0] = model.actuator_forcerange[:, 1] / torque_limits()
     model.actuator_biasprm[:, :3] = 0.0
@@ -59,9 +60,17 @@ class TorquePlant:
         held = {"p_WO": q[27:30], "quat_WO": q[30:34], "v_WO": v[26:29], "w_WO_O": v[29:32]} if self.carries else {}
         foot, hand = self.contact_forces()
         return Measurement(
-            time_s=self.data.time, joint_pos=q[7:27], joint_vel=v[6:26], p_WP=q[:3], quat_WP=q[3:7], v_WP=v[:3],
-            w_WP_P=v[3:6], foot_force_W=foot, hand_force_W=hand, **held,
-        )  # fmt: skip
+            time_s=self.data.time,
+            joint_pos=q[7:27],
+            joint_vel=v[6:26],
+            p_WP=q[:3],
+            quat_WP=q[3:7],
+            v_WP=v[:3],
+            w_WP_P=v[3:6],
+            foot_force_W=foot,
+            hand_force_W=hand,
+            **held,
+        )
 
     def contact_forces(self) -> tuple[Array, Array]:
         """Force on each foot and each hand, (2, 3) and (2, 3) in W [N]."""

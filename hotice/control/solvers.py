@@ -71,8 +71,8 @@ class Solver(Protocol):
 class ProxQp:
     """Proximal augmented Lagrangian on dense matrices (proxsuite).
 
-    Its work space is given back when the program ends: diagrams keep their systems beyond that, and proxsuite would report
-    a leak.
+    Its work space is given back when the program ends: diagrams keep their systems beyond that, and proxsuite would
+    report a leak.
     """
 
     def __init__(self, problem: Problem, *, tolerance: float = 1e-5, max_iterations: int = 100) -> None:
@@ -132,9 +132,19 @@ class Osqp:
         H.data[:], AC.data[:] = np.where(self._upper[0] == self._upper[1], 1.0, 0.0), 1.0
         self._qp = osqp.OSQP()
         self._qp.setup(
-            H, np.zeros(p.n), AC, np.full(rows, -1.0), np.full(rows, 1.0), verbose=False, eps_abs=tolerance,
-            eps_rel=tolerance, max_iter=max_iterations, warm_starting=True, check_termination=10, adaptive_rho_interval=50,
-        )  # fmt: skip
+            H,
+            np.zeros(p.n),
+            AC,
+            np.full(rows, -1.0),
+            np.full(rows, 1.0),
+            verbose=False,
+            eps_abs=tolerance,
+            eps_rel=tolerance,
+            max_iter=max_iterations,
+            warm_starting=True,
+            check_termination=10,
+            adaptive_rho_interval=50,
+        )
 
     def solve(self, guess: Guess) -> bool:
         """See `Solver`."""

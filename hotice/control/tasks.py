@@ -1,7 +1,7 @@
 """What the robot shall do, as accelerations: of the centre of mass, of five frames, of the joints.
 
-Each row of a task wants a_ref + kp (x_ref − x) + kd (v_ref − v) and has a weight; weight 0 switches it off. Rows of a frame
-are three of its position and three of its orientation, in W or in axes of the caller's choice.
+Each row of a task wants a_ref + kp (x_ref − x) + kd (v_ref − v) and has a weight; weight 0 switches it off. Rows of a
+frame are three of its position and three of its orientation, in W or in axes of the caller's choice.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ class Targets:
 
     Attributes:
         com_pos, com_vel, com_acc, com_weight, com_kp, com_kd: (3,).
-        frame_pos: (5, 3), frame_rot: (5, 3, 3) R_WF; frame_vel, frame_acc: (5, 6) linear, angular; frame_weight, frame_kp,
-            frame_kd: (5, 6); order `FRAMES`. frame_axes: (5, 3, 3) R_WG whose columns are the axes of the rows.
+        frame_pos: (5, 3), frame_rot: (5, 3, 3) R_WF; frame_vel, frame_acc: (5, 6) linear, angular; frame_weight,
+            frame_kp, frame_kd: (5, 6); order `FRAMES`. frame_axes: (5, 3, 3) R_WG whose columns are the axes of the
+                rows.
         joint_pos, joint_vel, joint_acc, joint_weight, joint_kp, joint_kd: (20,).
     """
 

@@ -1,7 +1,8 @@
-"""What the dynamics of the robot are at one state: mass matrix, bias forces, and Jacobians of the frames that have tasks.
+"""What the dynamics of the robot are at one state: mass matrix, bias forces, and Jacobians of the frames that have
+tasks.
 
-Pinocchio computes, into views that are taken once; a compiled function turns them into frame Jacobians in place. v and a
-are Pinocchio's: twist of the pelvis in its own frame (linear, angular), then the 20 joints of `g1.ACTION_JOINTS`.
+Pinocchio computes, into views that are taken once; a compiled function turns them into frame Jacobians in place. v and
+a are Pinocchio's: twist of the pelvis in its own frame (linear, angular), then the 20 joints of `g1.ACTION_JOINTS`.
 """
 
 from __future__ import annotations
@@ -22,15 +23,17 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 NQ, NV = 27, 26
 FRAMES = ("pelvis", "left_foot", "right_foot", "left_hand", "right_hand")
-"""Frames that have tasks. The waist is welded, so the pelvis carries the torso; a foot is its ankle-roll link, soles 3.5 cm
-below; a hand is the middle of its palm (site `left_hand`)."""
+"""Frames that have tasks. The waist is welded, so the pelvis carries the torso; a foot is its ankle-roll link, soles
+3.5 cm below; a hand is the middle of its palm (site `left_hand`)."""
 PELVIS, LEFT_FOOT, RIGHT_FOOT, LEFT_HAND, RIGHT_HAND = range(len(FRAMES))
 FEET, HANDS = slice(LEFT_FOOT, RIGHT_FOOT + 1), slice(LEFT_HAND, RIGHT_HAND + 1)
 _SOURCE = ("pelvis_site", "left_ankle_roll_link", "right_ankle_roll_link", "left_hand", "right_hand")
 
 
 def robot_model(wrist_pos: ArrayLike | None = None) -> pinocchio.Model:
-    """The robot with free base and 20 joints, waist locked at zero and wrists at `wrist_pos` (6,) [rad], default zero."""
+    """The robot with free base and 20 joints, waist locked at zero and wrists at `wrist_pos` (6,) [rad], default
+    zero.
+    """
     import pinocchio as pin
 
     wrist = np.zeros(6) if wrist_pos is None else np.asarray(wrist_pos, dtype=float)
@@ -115,9 +118,20 @@ class Terms:
         for i, pose in enumerate(self._pose):
             self._R_WJ[i], self._p_WJ[i] = pose.rotation, pose.translation
         _frames(
-            self._J, self._dJ, self.v, self._moves, self._R_WJ, self._p_WJ, self._R_JF, self._p_JF,
-            self.R_WF, self.p_WF, self.J_WF, self.v_WF, self.drift_WF,
-        )  # fmt: skip
+            self._J,
+            self._dJ,
+            self.v,
+            self._moves,
+            self._R_WJ,
+            self._p_WJ,
+            self._R_JF,
+            self._p_JF,
+            self.R_WF,
+            self.p_WF,
+            self.J_WF,
+            self.v_WF,
+            self.drift_WF,
+        )
 
 
 @compiled

@@ -1,8 +1,9 @@
 """Joint torques that do as much of all tasks as contacts and limits allow: an inverse-dynamics QP over x = (a, f).
 
-a: 26 accelerations, f: three forces at each of four points per foot, and on each hand. Hard: Newton-Euler of the base and
-of the load, friction cones, torque and joint limits. Soft: tasks (`tasks.Targets`), standing feet heaviest, small forces.
-Torques follow: τ = M_j a + h_j − J_jᵀ f. Form: Herzog et al., Momentum control with hierarchical inverse dynamics, 2016.
+a: 26 accelerations, f: three forces at each of four points per foot, and on each hand. Hard: Newton-Euler of the base
+and of the load, friction cones, torque and joint limits. Soft: tasks (`tasks.Targets`), standing feet heaviest, small
+forces. Torques follow: τ = M_j a + h_j − J_jᵀ f. Form: Herzog et al., Momentum control with hierarchical inverse
+dynamics, 2016.
 """
 
 from __future__ import annotations
@@ -63,7 +64,8 @@ class QpConfig:
     deadline_s: float | None = None
     """A solve that takes longer counts as a fault; None: none is late, so that a simulation repeats itself."""
     hold_faults: int = 10
-    """Faults in a row that are answered with the last torque alone; then servos also hold the last safe joint angles."""
+    """Faults in a row that are answered with the last torque alone; then servos also hold the last safe joint
+    angles."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -77,7 +79,9 @@ class QpConfig:
 
 @dataclass(kw_only=True)
 class QpMemory:
-    """What lasts from solve to solve: warm start, last safe torque (20,) and its joint angles (20,), counters of faults."""
+    """What lasts from solve to solve: warm start, last safe torque (20,) and its joint angles (20,), counters of
+    faults.
+    """
 
     guess: Guess
     torque: Array
@@ -94,8 +98,8 @@ class WholeBodyQp:
         wrist_pos: (6,) angles at which the wrists are locked [rad], default zero.
         config: see `QpConfig`.
 
-    `terms` describe the state of the last solve. Per solve, what is still allocated are views and scalars made by numpy and
-    Pinocchio, and the three result vectors that the solver's binding returns.
+    `terms` describe the state of the last solve. Per solve, what is still allocated are views and scalars made by numpy
+    and Pinocchio, and the three result vectors that the solver's binding returns.
     """
 
     def __init__(self, wrist_pos: ArrayLike | None = None, config: QpConfig | None = None) -> None:
@@ -132,7 +136,8 @@ class WholeBodyQp:
     def solve(
         self, measurement: Measurement, targets: Targets, contacts: Contacts, memory: QpMemory, *, updated: bool = False
     ) -> Array:
-        """Torques (20,) [N m], written into `memory` too; the last safe ones where this state has none, which is counted.
+        """Torques (20,) [N m], written into `memory` too; the last safe ones where this state has none, which is
+        counted.
 
         `updated` says that `terms` already describe the measurement.
         """
@@ -177,9 +182,26 @@ class WholeBodyQp:
             w,
         )
         tasks.stack_frames(
-            t.J_WF, t.R_WF, t.p_WF, t.v_WF, t.drift_WF, g.frame_pos, g.frame_rot, g.frame_vel, g.frame_acc, g.frame_weight,
-            g.frame_kp, g.frame_kd, g.frame_axes, k.foot_force_max_n, c.stand_weight, c.stand_damping, A, b, w,
-        )  # fmt: skip
+            t.J_WF,
+            t.R_WF,
+            t.p_WF,
+            t.v_WF,
+            t.drift_WF,
+            g.frame_pos,
+            g.frame_rot,
+            g.frame_vel,
+            g.frame_acc,
+            g.frame_weight,
+            g.frame_kp,
+            g.frame_kd,
+            g.frame_axes,
+            k.foot_force_max_n,
+            c.stand_weight,
+            c.stand_damping,
+            A,
+            b,
+            w,
+        )
         tasks.stack_joints(
             t.q[7:], t.v[6:], g.joint_pos, g.joint_vel, g.joint_acc, g.joint_weight, g.joint_kp, g.joint_kd, A, b, w
         )
@@ -195,9 +217,21 @@ class WholeBodyQp:
             t.J_WF, t.R_WF, touch.SOLE_POINTS_M, c.foot_friction, k.foot_force_max_n, p.A, p.C, p.upper, FIRST_CONE
         )
         touch.stack_hands(
-            t.J_WF, t.R_WF, t.v_WF, t.drift_WF, k.hand_point, k.hand_normal_W, c.hand_friction, k.hand_force_max_n,
-            k.load_kg, p.A, p.b, p.C, p.upper, FIRST_CONE,
-        )  # fmt: skip
+            t.J_WF,
+            t.R_WF,
+            t.v_WF,
+            t.drift_WF,
+            k.hand_point,
+            k.hand_normal_W,
+            c.hand_friction,
+            k.hand_force_max_n,
+            k.load_kg,
+            p.A,
+            p.b,
+            p.C,
+            p.upper,
+            FIRST_CONE,
+        )
 
     def _fallback(self, measurement: Measurement, memory: QpMemory) -> Array:
         if memory.in_a_row <= self.config.hold_faults:

@@ -12,16 +12,31 @@ if TYPE_CHECKING:
     from hotice.fields.guidance import Guidance, query
 
 _LAZY = {
-    "FieldBank": "bank", "FieldSample": "bank",
-    "Guidance": "guidance", "query": "guidance",
-    "cosine": "alignment", "encode": "alignment", "residual_cosine": "alignment",
-}  # fmt: skip
+    "FieldBank": "bank",
+    "FieldSample": "bank",
+    "Guidance": "guidance",
+    "query": "guidance",
+    "cosine": "alignment",
+    "encode": "alignment",
+    "residual_cosine": "alignment",
+}
 
 __all__ = [
-    "FieldBank", "FieldParams", "FieldSample", "Guidance", "GuidanceField", "HodPf",
-    "build_hod_pf", "cosine", "encode", "query", "residual_cosine", "scene_similarity",
-    "similarity_matrix", "similarity_to_set",
-]  # fmt: skip
+    "FieldBank",
+    "FieldParams",
+    "FieldSample",
+    "Guidance",
+    "GuidanceField",
+    "HodPf",
+    "build_hod_pf",
+    "cosine",
+    "encode",
+    "query",
+    "residual_cosine",
+    "scene_similarity",
+    "similarity_matrix",
+    "similarity_to_set",
+]
 
 
 def __getattr__(name: str) -> Any:

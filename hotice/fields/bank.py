@@ -45,9 +45,13 @@ class FieldBank:
     """
 
     def __init__(
-        self, scenes: Sequence[Scene], volumes: Volumes, margin_m: float, params: FieldParams,
+        self,
+        scenes: Sequence[Scene],
+        volumes: Volumes,
+        margin_m: float,
+        params: FieldParams,
         device: torch.device | str = "cpu",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.scenes = tuple(scenes)
         self.names = [s.name for s in scenes]
         self.margin_m = margin_m
@@ -60,10 +64,15 @@ class FieldBank:
 
     @classmethod
     def build(
-        cls, scenes: Sequence[Scene], resolution_m: float = 0.04, margin_m: float = 0.08,
-        params: FieldParams | None = None, progress: bool = False, workers: int | None = None,
+        cls,
+        scenes: Sequence[Scene],
+        resolution_m: float = 0.04,
+        margin_m: float = 0.08,
+        params: FieldParams | None = None,
+        progress: bool = False,
+        workers: int | None = None,
         cache: Path | None = None,
-    ) -> FieldBank:  # fmt: skip
+    ) -> FieldBank:
         """Solves every scene, `workers` at a time (default: one a core), with a progress bar when asked.
 
         With `cache`, a folder (see `hotice.fields.cache.default_folder`), solved scenes are kept there, those found
@@ -157,9 +166,14 @@ class FieldBank:
             return clearance.lowest_clearance_torch(self._torch, scene_ids, xpos, xmat, spheres, variant)
         out = xpos.new_empty(len(xpos))
         clearance.lowest_clearance(
-            self.volumes, scene_ids.numpy(), xpos.numpy(), xmat.detach().float().contiguous().numpy(), spheres,
-            variant.numpy(), out.numpy(),
-        )  # fmt: skip
+            self.volumes,
+            scene_ids.numpy(),
+            xpos.numpy(),
+            xmat.detach().float().contiguous().numpy(),
+            spheres,
+            variant.numpy(),
+            out.numpy(),
+        )
         return out
 
     def _check(self, scene_ids: Tensor, p_W: Tensor) -> tuple[Tensor, Tensor]:

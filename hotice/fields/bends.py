@@ -89,7 +89,8 @@ def extend(space, margin, row, b, x):
 
 @compiled(nogil=True, error_model="numpy")
 def _focused(space, a, b, e, radius, way):
-    """Radius sideways, along e, of a wave that creeps `way` along the wall from a to b: `radius` if the wall is flat along e.
+    """Radius sideways, along e, of a wave that creeps `way` along the wall from a to b: `radius` if the wall is flat
+    along e.
 
     Half of the turn on the way focuses the wave at either end (Jacobi's equation for the distance of near geodesics).
     """
@@ -112,8 +113,9 @@ def _focused(space, a, b, e, radius, way):
 def _edge(space, a, b, x):
     """Unit vector along the edge on which the string a-b-x bends, 0 where the wall is flat.
 
-    Normals about an edge are at right angles to it. One is taken on the convex side of the bend, the other towards a or,
-    where that differs twice as much, x: on walls that curve both ways the edge is at right angles to the way from a.
+    Normals about an edge are at right angles to it. One is taken on the convex side of the bend, the other towards a
+    or, where that differs twice as much, x: on walls that curve both ways the edge is at right angles to the way from
+    a.
     """
     u, v = _towards(a, b), _towards(b, x)
     w = _towards(v, u)

@@ -125,9 +125,14 @@ def _write_bank(path: Path, folder: Path, keys: list[str]) -> None:
 def _header(grids: list[Grid], steps: list[tuple[float, ...]], length: int, crc: int) -> bytes:
     """JSON padded with spaces to a whole number of pages."""
     facts = {
-        "format": SOLVER, "resolution_m": grids[0].resolution_m, "origins": [g.origin.tolist() for g in grids],
-        "shapes": [g.shape for g in grids], "steps": steps, "length": length, "crc": crc,
-    }  # fmt: skip
+        "format": SOLVER,
+        "resolution_m": grids[0].resolution_m,
+        "origins": [g.origin.tolist() for g in grids],
+        "shapes": [g.shape for g in grids],
+        "steps": steps,
+        "length": length,
+        "crc": crc,
+    }
     text = json.dumps(facts).encode() + b"\n"
     return text[:-1].ljust(-(-len(text) // _HEADER_BYTES) * _HEADER_BYTES - 1) + b"\n"
 

@@ -1,8 +1,8 @@
 """Gap between obstacles and many spheres fixed to moving frames, the smallest of each environment: one compiled pass.
 
-The hot loop of training: 500 spheres an environment and step. In torch their positions, distances and differences are arrays
-of their own, each read and written once; here they stay in registers. `lowest_clearance_torch` holds the same formulas for any
-torch device; a test keeps the two equal.
+The hot loop of training: 500 spheres an environment and step. In torch their positions, distances and differences are
+arrays of their own, each read and written once; here they stay in registers. `lowest_clearance_torch` holds the same
+formulas for any torch device; a test keeps the two equal.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from hotice.fields.volumes import Volumes
 
 @dataclass(frozen=True, kw_only=True)
 class Spheres:
-    """S spheres on frames, in M variants that differ in size: frame (S,) int64, centre (M, S, 3) [m] in it, radius (M, S) [m]."""
+    """S spheres on frames, in M variants that differ in size: frame (S,) int64, centre (M, S, 3) [m] in it, radius (M,
+    S) [m].
+    """
 
     frame: Tensor
     centre: Tensor
@@ -56,9 +58,14 @@ _many: Any = compiled(nogil=True, error_model="numpy", parallel=True)(_lowest_ke
 
 
 def lowest_clearance(
-    volumes: Volumes, ids: NDArray[np.int64], xpos: NDArray[np.float32], xmat: NDArray[np.float32], spheres: Spheres,
-    variant: NDArray[np.int64], out: NDArray[np.float32],
-) -> None:  # fmt: skip
+    volumes: Volumes,
+    ids: NDArray[np.int64],
+    xpos: NDArray[np.float32],
+    xmat: NDArray[np.float32],
+    spheres: Spheres,
+    variant: NDArray[np.int64],
+    out: NDArray[np.float32],
+) -> None:
     """Smallest distance of any sphere to the obstacles, negative where one intrudes, written into out (N,) [m].
 
     Args:
@@ -70,9 +77,20 @@ def lowest_clearance(
     many = len(ids) * len(spheres.frame) >= PARALLEL_FROM
     v = volumes
     (_many if many else _one)(
-        v.sdf, v.origin, v.shape, v.offset, v.resolution_m, ids, xpos, xmat, spheres.frame.numpy(),
-        spheres.centre.numpy(), spheres.radius.numpy(), variant, out,
-    )  # fmt: skip
+        v.sdf,
+        v.origin,
+        v.shape,
+        v.offset,
+        v.resolution_m,
+        ids,
+        xpos,
+        xmat,
+        spheres.frame.numpy(),
+        spheres.centre.numpy(),
+        spheres.radius.numpy(),
+        variant,
+        out,
+    )
 
 
 def lowest_clearance_torch(

@@ -2,10 +2,10 @@
 
 Every node carries the point where its shortest path last bends (at first the goal). A node that sees a neighbour's bend
 is as far as that bend and the straight way to it; where an obstacle hides it, a string is pulled taut past the obstacle
-(`strings.py`). No differences are taken, so nothing is lost at the goal or at an edge (cf. Nash et al. 2007, "Theta*"; Qi
-and Vladimirsky 2019 on singularities at corners): in free space and behind straight edges distance and gradient are
-exact. Along curved walls the string cuts the wall by O(h^2) and carries the curvature of its wave along (`bends.py`); the
-error of the distance falls with h^2.
+(`strings.py`). No differences are taken, so nothing is lost at the goal or at an edge (cf. Nash et al. 2007, "Theta*";
+Qi and Vladimirsky 2019 on singularities at corners): in free space and behind straight edges distance and gradient are
+exact. Along curved walls the string cuts the wall by O(h^2) and carries the curvature of its wave along (`bends.py`);
+the error of the distance falls with h^2.
 
 Obstacles (inflated by the margin) and the borders of the grid are walls. Nodes that no path reaches are infinite.
 """

@@ -1,7 +1,7 @@
 """Guidance of one robot state: every keypoint, how it moves with v, and the field vectors it reads (IV-A).
 
-What the batched environment computes in float32 from the simulator, from Pinocchio instead and in float64: for analysis,
-diagrams and the robot. Needs pinocchio.
+What the batched environment computes in float32 from the simulator, from Pinocchio instead and in float64: for
+analysis, diagrams and the robot. Needs pinocchio.
 """
 
 from __future__ import annotations
@@ -70,12 +70,14 @@ def query(
     robot, carried = p_WK[:NUM_SGF], p_WK[NUM_SGF:]
     force_W = np.concatenate([pf.sgf.sample(robot), pf.ogf.sample(carried)])
     return Guidance(
-        names=names, p_WK=p_WK, v_WK=jacobian @ v, jacobian=jacobian, force_W=force_W,
+        names=names,
+        p_WK=p_WK,
+        v_WK=jacobian @ v,
+        jacobian=jacobian,
+        force_W=force_W,
         signed_distance=np.concatenate([pf.sgf.signed_distance(robot), pf.ogf.signed_distance(carried)]),
-        geodesic=np.concatenate(
-            [pf.sgf.extended_geodesic_distance(robot), pf.ogf.extended_geodesic_distance(carried)]
-        ),
+        geodesic=np.concatenate([pf.sgf.extended_geodesic_distance(robot), pf.ogf.extended_geodesic_distance(carried)]),
         c_W=navigation_command(
             force_W[_STEERED], pf.scene.goal_W[:2] - state.p_WP[:2], pf.params.attraction, speed_m_s, stop_gain_hz
         )[0],
-    )  # fmt: skip
+    )

@@ -1,7 +1,8 @@
-"""Is a straight segment free of a triangle mesh, in compiled code: exact distances of the whole segment, not of its points.
+"""Is a straight segment free of a triangle mesh, in compiled code: exact distances of the whole segment, not of its
+points.
 
-A segment that meets no triangle is as far from the mesh as the nearest triangle. Where it meets some, or starts on one, its
-depth is looked at between the places where it passes through the surface.
+A segment that meets no triangle is as far from the mesh as the nearest triangle. Where it meets some, or starts on one,
+its depth is looked at between the places where it passes through the surface.
 """
 
 from __future__ import annotations
@@ -81,7 +82,9 @@ def _to_edge(a, d, p, e):
 
 @compiled(nogil=True, error_model="numpy")
 def _to_triangle(triangles, t, a, d, b):
-    """(squared distance, f, through): of segment a + f d, which ends at b, to triangle t; where it passes `through`, 0."""
+    """(squared distance, f, through): of segment a + f d, which ends at b, to triangle t; where it passes `through`,
+    0.
+    """
     p, q, r = _corner(triangles, t, 0), _corner(triangles, t, 1), _corner(triangles, t, 2)
     u, v, w = _minus(q, p), _minus(r, p), _minus(a, p)
     n = _cross(u, v)
@@ -122,8 +125,8 @@ def approach(triangles, nodes, root, a, b, bound, enough, passed):
     """(distance, f, number): how near segment a-b, in the mesh's frame, comes to the mesh at `root`, and where.
 
     The distance is 0 where it passes through triangles; `passed` (MOST + 1, 4) then holds where (sorted) and their unit
-    normals. Without any nearer than `bound`, that and f = 0; number = -1 when there are more than fit. Ends early, with what
-    is known so far, once the distance is under `enough`.
+    normals. Without any nearer than `bound`, that and f = 0; number = -1 when there are more than fit. Ends early, with
+    what is known so far, once the distance is under `enough`.
     """
     d = _minus(b, a)
     dd = max(_dot(d, d), 1e-300)
@@ -173,8 +176,8 @@ def pass_mesh(space, margin, n, a, b, depth, exact):
 
     Unless `exact`, t and s of a segment that is not free are those of the first place found that blocks it.
 
-    It is free when it cuts the mesh by less than `depth` and neither bores through a plate nor squeezes between two walls.
-    s is infinite when it stays `depth` and more away.
+    It is free when it cuts the mesh by less than `depth` and neither bores through a plate nor squeezes between two
+    walls. s is infinite when it stays `depth` and more away.
     """
     solid = space.solid
     u = _minus(b, a)

@@ -141,6 +141,18 @@ def sample_field(
     kernel = _field_many if distance.size >= PARALLEL_FROM else _field_one
     v = volumes
     kernel(
-        v.sdf, v.geo[field], v.step[:, field].copy(), v.origin, v.shape, v.offset, v.resolution_m, ids, p_W,
-        margin_m, *params.letters(), force_W, distance, geodesic,
-    )  # fmt: skip
+        v.sdf,
+        v.geo[field],
+        v.step[:, field].copy(),
+        v.origin,
+        v.shape,
+        v.offset,
+        v.resolution_m,
+        ids,
+        p_W,
+        margin_m,
+        *params.letters(),
+        force_W,
+        distance,
+        geodesic,
+    )

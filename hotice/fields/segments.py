@@ -1,10 +1,10 @@
 """Is a straight segment free, in compiled code.
 
-Boxes, cylinders and capsules are convex, so the signed distance to one of them is a convex function along a segment: its
-least value follows from a few values and slopes by cutting planes (Kelley 1960), and a segment that leaves one never
-meets it again. Meshes: `mesh_segments.py`. Obstacles are inflated by `margin`; a segment may cut one by less than
-`DEPTH_PER_M h^2`, so that strings creep along curved walls in finite steps whose error falls with h^2, but it may neither
-cross a plate, however thin, nor slip through the seam of two obstacles that touch.
+Boxes, cylinders and capsules are convex, so the signed distance to one of them is a convex function along a segment:
+its least value follows from a few values and slopes by cutting planes (Kelley 1960), and a segment that leaves one
+never meets it again. Meshes: `mesh_segments.py`. Obstacles are inflated by `margin`; a segment may cut one by less than
+`DEPTH_PER_M h^2`, so that strings creep along curved walls in finite steps whose error falls with h^2, but it may
+neither cross a plate, however thin, nor slip through the seam of two obstacles that touch.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Which grid nodes see the goal, in compiled code: whole blocks of nodes at once, node by node along the shadow lines."""
+"""Which grid nodes see the goal, in compiled code: whole blocks of nodes at once, node by node along the shadow
+lines.
+"""
 
 from __future__ import annotations
 

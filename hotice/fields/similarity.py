@@ -40,9 +40,11 @@ def scene_similarity(a: HodPf, b: HodPf, resolution_m: float | None = None) -> f
 
 
 def similarity_matrix(
-    a: Sequence[HodPf] | FieldBank, b: Sequence[HodPf] | FieldBank, resolution_m: float | None = None,
+    a: Sequence[HodPf] | FieldBank,
+    b: Sequence[HodPf] | FieldBank,
+    resolution_m: float | None = None,
     progress: Callable[[float], None] | None = None,
-) -> NDArray[np.float32]:  # fmt: skip
+) -> NDArray[np.float32]:
     """`scene_similarity` of every scene of `a` to every one of `b`, (A, B).
 
     All pairs that share the same nodes are compared together: each scene is sampled once and turned into unit vectors,

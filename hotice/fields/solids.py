@@ -33,8 +33,8 @@ _BLOCK_REACH = 0.5 * math.sqrt(3.0) * (BLOCK + 1)
 class Space(NamedTuple):
     """Obstacles and a grid of (nx, ny, nz) nodes at (ox, oy, oz) + index h, flat because compiled code copies it often.
 
-    `solid` (n, 21): per obstacle kind, size (3), R_WB (9), p_WB (3), bounding ball in W (4), root of its mesh; sizes are
-    half extents of a box, (radius, half length) of a cylinder or capsule; a sphere is a capsule without length.
+    `solid` (n, 21): per obstacle kind, size (3), R_WB (9), p_WB (3), bounding ball in W (4), root of its mesh; sizes
+    are half extents of a box, (radius, half length) of a cylinder or capsule; a sphere is a capsule without length.
     `triangles`, `nodes`: see `bvh.Tree`. Nearest to a point in block b may be `member[start[b]:start[b + 1]]`.
     `sdf` (nx ny nz,): exact signed distance at the nodes, cut at FAR_M.
     """
@@ -222,7 +222,9 @@ def _index(u, n):
 
 @compiled(nogil=True, error_model="numpy")
 def distance_within(space, x, y, z, known=0.0, away=np.inf):
-    """Exact signed distance of a point in the grid's box, cut at FAR_M; that of a point `away` from it may be `known`."""
+    """Exact signed distance of a point in the grid's box, cut at FAR_M; that of a point `away` from it may be
+    `known`.
+    """
     per_m = 1.0 / space.h
     i = _index((x - space.ox) * per_m, space.nx)
     j = _index((y - space.oy) * per_m, space.ny)

@@ -1,4 +1,6 @@
-"""Command line of hotice, also as `python -m hotice.learn`: training, students, evaluation, tables, replays, `hotice scene`."""
+"""Command line of hotice, also as `python -m hotice.learn`: training, students, evaluation, tables, replays, `hotice
+scene`.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def _run(argv: list[str]) -> int:
 
 
 def _drop_unwritten() -> None:
-    """Where standard output cannot be written, what waits to be written goes nowhere: else Python complains at its exit."""
+    """Where standard output cannot be written, what waits to be written goes nowhere: else Python complains at its
+    exit.
+    """
     try:
         sys.stdout.flush()
     except OSError:

@@ -1,7 +1,8 @@
 """A running average of what acts: weights of the actors and normaliser, the policy that is evaluated and exported.
 
-Each update of PPO moves the weights by a step that is mostly noise; their average over recent updates walks with the gradient
-but not with the noise, as if the steps had been small (Polyak and Juditsky 1992). The average never acts during training.
+Each update of PPO moves the weights by a step that is mostly noise; their average over recent updates walks with the
+gradient but not with the noise, as if the steps had been small (Polyak and Juditsky 1992). The average never acts
+during training.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ WARM_UP = 10
 
 
 class AveragedPolicy:
-    """Exponential average over updates that begins short and grows to its full length, as long as a tenth of what there was.
+    """Exponential average over updates that begins short and grows to its full length, as long as a tenth of what there
+    was.
 
     Args:
         net: what is averaged. decay: share that an update keeps in the end, below 1; 0: there is no average.

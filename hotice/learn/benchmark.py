@@ -48,7 +48,8 @@ class BenchmarkConfig:
     device: str = "auto"
     """Device of physics "warp" and of learning; "auto": the GPU for "warp" where there is one, else the CPU."""
     scan: bool = TaskConfig.scan
-    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields only)."""
+    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields
+    only)."""
     history: int = TaskConfig.history
     """Past control steps of which the actors also read joints, IMU and actions (ours)."""
     perturbed: bool = TrainConfig.perturbed
@@ -68,10 +69,16 @@ class BenchmarkConfig:
     def training(self, num_envs: int) -> TrainConfig:
         """What is trained; raises `InvalidConfig` or `UnknownName`."""
         return TrainConfig(
-            num_envs=num_envs, preset=self.preset, scenes=self.scenes, physics=self.physics, device=self.device,
-            threads=self.threads, seed=0, perturbed=self.perturbed,
+            num_envs=num_envs,
+            preset=self.preset,
+            scenes=self.scenes,
+            physics=self.physics,
+            device=self.device,
+            threads=self.threads,
+            seed=0,
+            perturbed=self.perturbed,
             task=replace(TrainConfig().task, scan=self.scan, history=self.history),
-        )  # fmt: skip
+        )
 
 
 def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
@@ -119,17 +126,22 @@ def measure(runner: Runner, updates: int, steps: int) -> dict[str, Any]:
     training = per_update * updates / _seconds(wait, lambda: [runner.learn_once() for _ in range(updates)])
     environment, physics = _environment_and_physics(runner, steps, wait)
     return {
-        "num_envs": env.num_envs, "training_steps_per_s": training, "environment_steps_per_s": environment,
-        "physics_steps_per_s": physics, "ratio": environment / physics, "shares": _shares(runner, updates, wait),
-        "peak_memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, **_device_memory(env.device),
-    }  # fmt: skip
+        "num_envs": env.num_envs,
+        "training_steps_per_s": training,
+        "environment_steps_per_s": environment,
+        "physics_steps_per_s": physics,
+        "ratio": environment / physics,
+        "shares": _shares(runner, updates, wait),
+        "peak_memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+        **_device_memory(env.device),
+    }
 
 
 def _environment_and_physics(runner: Runner, steps: int, wait: Callable[[], None]) -> tuple[float, float]:
     """Control steps a second of the environment under random actions, and of its physics from the same states.
 
-    After each block the physics goes back to the state before it and gets the same servo targets once more: both solve the
-    same contacts, but that fallen robots stay on the floor in bare physics, and that targets are never late there.
+    After each block the physics goes back to the state before it and gets the same servo targets once more: both solve
+    the same contacts, but that fallen robots stay on the floor in bare physics, and that targets are never late there.
     """
     env, seconds = runner.env, [0.0, 0.0]
     generator = torch.Generator(env.device).manual_seed(0)
@@ -211,8 +223,10 @@ def _table(sizes: list[dict[str, Any]], config: BenchmarkConfig):
     for row in sizes:
         rates = (row[f"{kind}_steps_per_s"] for kind in ("training", "environment", "physics"))
         table.add_row(
-            f"{row['num_envs']:,}", *(f"{rate:,.0f}" for rate in rates), f"{row['ratio']:.2f}",
+            f"{row['num_envs']:,}",
+            *(f"{rate:,.0f}" for rate in rates),
+            f"{row['ratio']:.2f}",
             *(f"{row['shares'][label]:.0%}" for label in SHARES),
             f"{row.get('device_memory_gib', row['peak_memory_gib']):.2f}",
-        )  # fmt: skip
+        )
     return table

@@ -25,7 +25,9 @@ WALK_NEEDS = ("pinocchio", "proxsuite")
 
 
 def load_carrier(config: EvaluateConfig) -> Carrier:
-    """Whom an evaluation scores. Raises `CheckpointError`, `UnknownName`, and `MissingExtra` where the walk cannot run."""
+    """Whom an evaluation scores. Raises `CheckpointError`, `UnknownName`, and `MissingExtra` where the walk cannot
+    run.
+    """
     if config.policy is not None:
         return load_policy(config.policy, threads=1)
     for package in WALK_NEEDS:
@@ -52,10 +54,15 @@ def policy_digest(policy: Policy) -> str:
 
 
 def described(carrier: Carrier) -> dict[str, Any]:
-    """What a report says of a carrier, JSON-ready; `policy` and `preset` of the walk are None, its numbers are under `walk`."""
+    """What a report says of a carrier, JSON-ready; `policy` and `preset` of the walk are None, its numbers are under
+    `walk`.
+    """
     if isinstance(carrier, WalkConfig):
         return {"controller": "walk", "policy": None, "trained": {}, "preset": None, "walk": asdict(carrier)}
     meta = carrier.meta
     return {
-        "controller": "policy", "policy": carrier.name, "trained": meta.get("trained", {}), "preset": meta["preset"],
-    }  # fmt: skip
+        "controller": "policy",
+        "policy": carrier.name,
+        "trained": meta.get("trained", {}),
+        "preset": meta["preset"],
+    }

@@ -1,7 +1,8 @@
 """Checkpoints: a folder each, tensors as safetensors and the rest as JSON, no pickle anywhere.
 
-A checkpoint is written to a folder aside and renamed, so it exists whole or not at all; `meta.json` holds the SHA-256 of the
-tensors, so a truncated or changed file is refused. The newest whole checkpoint of a run is where training resumes.
+A checkpoint is written to a folder aside and renamed, so it exists whole or not at all; `meta.json` holds the SHA-256
+of the tensors, so a truncated or changed file is refused. The newest whole checkpoint of a run is where training
+resumes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Jobs on a Ray cluster. Ray is optional: `pip install "ray>=2.40"` on every machine, with hotice and a shared folder.
 
-A task is one attempt: it starts the job's process on whatever machine has room and waits for it. When the machine is lost Ray
-reports so, and the pipeline submits the job again, which goes on from its newest checkpoint in the shared folder.
+A task is one attempt: it starts the job's process on whatever machine has room and waits for it. When the machine is
+lost Ray reports so, and the pipeline submits the job again, which goes on from its newest checkpoint in the shared
+folder.
 """
 
 from __future__ import annotations

@@ -49,11 +49,12 @@ class PlayConfig:
     """Rollouts to look at."""
 
     policy: str = "student"
-    """Shipped policy by name, .onnx file, checkpoint folder or run; for other controllers than `policy` a name or .onnx file."""
+    """Shipped policy by name, .onnx file, checkpoint folder or run; for other controllers than `policy` a name or .onnx
+    file."""
     controller: Literal["policy", "walk", "pickup", "pickup_then_policy"] = "policy"
-    """Who carries: the policy from a carry state; the walking baseline; the pick-up from a table alone, or followed by the
-    policy, for which the walking baseline steps in where the policy's rehearsal fails, and no one where the walk's does too. All
-    but `policy` need Drake."""
+    """Who carries: the policy from a carry state; the walking baseline; the pick-up from a table alone, or followed by
+    the policy, for which the walking baseline steps in where the policy's rehearsal fails, and no one where the walk's
+    does too. All but `policy` need Drake."""
     scenes: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--scene"])] = ("open_floor",)
     """Scene names, files or folders."""
     seconds: float = 10.0
@@ -69,7 +70,8 @@ class PlayConfig:
     seed: int = 0
     """Seed of objects and starts."""
     perturbed: bool = True
-    """Noise, delays, pushes and uncertain dynamics as in evaluation; under other controllers than `policy` noise and delays."""
+    """Noise, delays, pushes and uncertain dynamics as in evaluation; under other controllers than `policy` noise and
+    delays."""
     protocol: Literal["robot", "paper"] | None = None
     """Physics and perturbations as in `hotice evaluate` (default: robot); of controller `policy` alone."""
     failures_first: bool = True
@@ -194,7 +196,16 @@ def scene() -> int:
 
 
 COMMANDS = {
-    "train": train, "distill": distill, "finetune": finetune, "pipeline": pipeline, "evaluate": evaluate,
-    "reproduce": reproduce, "merge": merge, "export": export, "play": play, "tables": tables, "benchmark": benchmark,
+    "train": train,
+    "distill": distill,
+    "finetune": finetune,
+    "pipeline": pipeline,
+    "evaluate": evaluate,
+    "reproduce": reproduce,
+    "merge": merge,
+    "export": export,
+    "play": play,
+    "tables": tables,
+    "benchmark": benchmark,
     "scene": scene,
-}  # fmt: skip
+}

@@ -93,16 +93,18 @@ class TrainConfig:
     resume: bool = False
     """Go on from the newest checkpoint in `out`."""
     init: Path | None = None
-    """Start from networks, normalisers and optimiser (not the counters) of this checkpoint or run; without the optimiser
-    where that served another objective (a student's, when PPO goes on from it)."""
+    """Start from networks, normalisers and optimiser (not the counters) of this checkpoint or run; without the
+    optimiser where that served another objective (a student's, when PPO goes on from it)."""
     critic_updates: int = 0
     """First updates that train only the critics: they get to know the task before they lead the actors."""
     curriculum: bool = True
     """Draw scenes that still fail more often than solved ones."""
     curriculum_distance_m: float = 0.0
-    """Start within this way of the goal, at least 0.3, and farther away as more episodes reach it; 0: at any distance."""
+    """Start within this way of the goal, at least 0.3, and farther away as more episodes reach it; 0: at any
+    distance."""
     curriculum_objects: float = 0.0
-    """Start with this share of the objects, the smallest, and larger ones as more episodes reach the goal; 0: with all."""
+    """Start with this share of the objects, the smallest, and larger ones as more episodes reach the goal; 0: with
+    all."""
     seed: int = 0
     """Seed of every random draw."""
     checkpoint_minutes: float = 3.0
@@ -112,7 +114,8 @@ class TrainConfig:
     physics: str = "mujoco"
     """Simulator: "mujoco" on the CPU, "warp" on an NVIDIA GPU."""
     device: str = "auto"
-    """Device of physics "warp" and of learning: a torch device; "auto": the GPU for "warp" where there is one, else the CPU."""
+    """Device of physics "warp" and of learning: a torch device; "auto": the GPU for "warp" where there is one, else the
+    CPU."""
     threads: int = 0
     """Threads of physics and torch; 0: all cores."""
     hidden: tuple[int, ...] = (256, 128)
@@ -122,7 +125,8 @@ class TrainConfig:
     init_std: tuple[float, float] = (0.6, 0.3)
     """First standard deviation of leg and arm actions."""
     average: float = 0.98
-    """What is evaluated and exported is a running average of the weights: share of it that an update keeps, in the end (ours);
+    """What is evaluated and exported is a running average of the weights: share of it that an update keeps, in the end
+    (ours);
     0: the newest weights."""
     ppo: PpoConfig = field(default_factory=PpoConfig)
     """Optimiser."""

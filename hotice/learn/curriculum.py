@@ -1,4 +1,6 @@
-"""What to train on next: scenes that still fail before solved ones; near goals and small objects before far and large ones."""
+"""What to train on next: scenes that still fail before solved ones; near goals and small objects before far and large
+ones.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,12 @@ RISE, FALL = 0.7, 0.2
 
 
 class SceneCurriculum:
-    """Draws scenes in proportion to `floor` + 4 q (1 − q), q = max(p, ½), p the running rate of reaching the goal in a scene.
+    """Draws scenes in proportion to `floor` + 4 q (1 − q), q = max(p, ½), p the running rate of reaching the goal in a
+    scene.
 
-    Scenes that fail in half of their episodes or more have the same weight; above that it falls to `floor` at p = 1. p starts at
-    a half, so that every scene is tried; goal success counts, not survival: a robot that stops before an obstacle has not learnt
-    to pass it.
+    Scenes that fail in half of their episodes or more have the same weight; above that it falls to `floor` at p = 1. p
+    starts at a half, so that every scene is tried; goal success counts, not survival: a robot that stops before an
+    obstacle has not learnt to pass it.
     """
 
     def __init__(self, num_scenes: int, device: torch.device, floor: float = 0.25, memory: float = 60.0) -> None:
@@ -38,8 +41,8 @@ class SceneCurriculum:
 class Stages:
     """Goal distance and object size grow, rung by rung, with the rate of reaching the goal.
 
-    Once so many episodes have ended as there are environments (of all ranks), their rate decides: above `RISE` the lower of the
-    two climbs a rung, below `FALL` the higher goes back one. On the top rung the task is whole.
+    Once so many episodes have ended as there are environments (of all ranks), their rate decides: above `RISE` the
+    lower of the two climbs a rung, below `FALL` the higher goes back one. On the top rung the task is whole.
 
     Args:
         starter: of the environment; draws starts and objects.

@@ -1,16 +1,18 @@
 """Specialist to generalist: DAgger (Ross et al. 2011; paper, IV-C).
 
-The student acts on what a robot can sense, in the perturbed task; the teacher of the scene says what it would have done,
-seeing the true state. The student minimises the divergence of its Gaussian from the teacher's, summed over both agents:
+The student acts on what a robot can sense, in the perturbed task; the teacher of the scene says what it would have
+done, seeing the true state. The student minimises the divergence of its Gaussian from the teacher's, summed over both
+agents:
 
     J = Σ_agents KL(π_student ‖ π_teacher) + value loss
 
-In this direction the error of the mean is weighed by the teacher's precision, which is constant, and the student's spread is
-pulled to the teacher's (CAT takes the same). The other direction would weigh by the student's own spread, which grows where
-teachers disagree about what looks alike under noise: more exploration than any teacher had, where it can afford it least.
+In this direction the error of the mean is weighed by the teacher's precision, which is constant, and the student's
+spread is pulled to the teacher's (CAT takes the same). The other direction would weigh by the student's own spread,
+which grows where teachers disagree about what looks alike under noise: more exploration than any teacher had, where it
+can afford it least.
 
-Critics learn on the way, from the student's own returns: their targets are right for the policy and the noise that PPO goes on
-with, which the teachers' values (of a better policy in an exact world) are not.
+Critics learn on the way, from the student's own returns: their targets are right for the policy and the noise that PPO
+goes on with, which the teachers' values (of a better policy in an exact world) are not.
 """
 
 from __future__ import annotations
@@ -42,9 +44,15 @@ class Dagger(Learner):
     kind = "dagger"
 
     def __init__(
-        self, net: ActorCritic, config: DistillConfig, mirror_obs: Mirror, mirror_action: Mirror,
-        generator: torch.Generator, teachers: Teachers, labels: ReplayBuffer,
-    ) -> None:  # fmt: skip
+        self,
+        net: ActorCritic,
+        config: DistillConfig,
+        mirror_obs: Mirror,
+        mirror_action: Mirror,
+        generator: torch.Generator,
+        teachers: Teachers,
+        labels: ReplayBuffer,
+    ) -> None:
         super().__init__(net, config.ppo, mirror_obs, mirror_action, generator)
         self.exploration, self.teachers, self.labels = config.exploration, teachers, labels
 
@@ -138,7 +146,6 @@ class DistillRunner(Runner):
 
     def _act(self, t: int) -> Tensor:
         self.sensed[t], self.scene[t] = self.obs, self.env.memory.scene
-        self.truth[t] = self.critic_obs[
-            :, : self.sensed.shape[2]
-        ]  # critics read the actors' rows of the true state first
+        # critics read the actors' rows of the true state first
+        self.truth[t] = self.critic_obs[:, : self.sensed.shape[2]]
         return super()._act(t)

@@ -2,12 +2,13 @@
 
     torchrun --nproc-per-node 4 -m hotice.learn train --physics warp --num-envs 8192 ...
 
-starts four ranks (on GPUs: one each). Every rank fills its own rollout; gradients are averaged, the moments that normalise
-observations and advantages are taken over all ranks, and so is the KL divergence that leads the learning rates: a step is that
-of one process whose minibatch is the ranks' minibatches joined, up to rounding. Each rank shuffles its own rows, so a minibatch
-holds as many of every rank, where one process would mix all; and each estimates the mirror loss from `MIRROR_ROWS` of its own
-rows or a few more. Networks stay equal, and rank 0 alone shows progress and writes checkpoints, which hold the environments of
-all. Without torchrun there is one rank and every function here returns what it was given.
+starts four ranks (on GPUs: one each). Every rank fills its own rollout; gradients are averaged, the moments that
+normalise observations and advantages are taken over all ranks, and so is the KL divergence that leads the learning
+rates: a step is that of one process whose minibatch is the ranks' minibatches joined, up to rounding. Each rank
+shuffles its own rows, so a minibatch holds as many of every rank, where one process would mix all; and each estimates
+the mirror loss from `MIRROR_ROWS` of its own rows or a few more. Networks stay equal, and rank 0 alone shows progress
+and writes checkpoints, which hold the environments of all. Without torchrun there is one rank and every function here
+returns what it was given.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ SEED_STRIDE = 1_000_003
 
 
 def start(device: str) -> str:
-    """Joins the other ranks where torchrun has started several; returns the device of this one ("cuda": its own GPU)."""
+    """Joins the other ranks where torchrun has started several; returns the device of this one ("cuda": its own
+    GPU).
+    """
     if int(os.environ.get("WORLD_SIZE", "1")) == 1 or not dist.is_available():
         return device
     if device == "cuda":

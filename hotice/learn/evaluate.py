@@ -1,14 +1,15 @@
 """Scoring a policy or the walking baseline: success rate and mean distance, with exact collision geometry (paper, V-A).
 
-A trial ends at success, at a failure, or after 5 s. Success: the root comes within 0.1 m (horizontally) of the goal before
-any fall, drop or collision of robot or object. Mean distance: root to goal at the end of each trial, averaged.
-Every link of the robot and the object are tested against every obstacle geometry in the simulator, in every physics step.
-The simulation goes on beyond that end, for other referees and for where the robot is at 5 s: `hotice.learn.referees`.
+A trial ends at success, at a failure, or after 5 s. Success: the root comes within 0.1 m (horizontally) of the goal
+before any fall, drop or collision of robot or object. Mean distance: root to goal at the end of each trial, averaged.
+Every link of the robot and the object are tested against every obstacle geometry in the simulator, in every physics
+step. The simulation goes on beyond that end, for other referees and for where the robot is at 5 s:
+`hotice.learn.referees`.
 
-The unit of work is a block: up to `batch` trials of one scene, simulated on one thread, a policy's side by side, with random
-numbers of its own (`hotice.learn.seeds`): the same objects, robots and starts whoever carries. Blocks are shared out to
-processes; results depend neither on their number nor on interruptions, nor on the other scenes. They do depend on `batch`: what
-happens to the trials of a block is drawn for all of them at once.
+The unit of work is a block: up to `batch` trials of one scene, simulated on one thread, a policy's side by side, with
+random numbers of its own (`hotice.learn.seeds`): the same objects, robots and starts whoever carries. Blocks are shared
+out to processes; results depend neither on their number nor on interruptions, nor on the other scenes. They do depend
+on `batch`: what happens to the trials of a block is drawn for all of them at once.
 """
 
 from __future__ import annotations
@@ -51,10 +52,11 @@ class EvaluateConfig:
     """One evaluation."""
 
     policy: str | None = None
-    """Shipped policy by name, .onnx file, checkpoint folder or run; needed with, and only with, `policy` as the controller."""
+    """Shipped policy by name, .onnx file, checkpoint folder or run; needed with, and only with, `policy` as the
+    controller."""
     controller: Literal["policy", "walk"] = "policy"
-    """Who carries: a policy, or the model-based walking baseline, which reads the exact state (needs --no-perturbed, and the
-    packages of the extra `drake`)."""
+    """Who carries: a policy, or the model-based walking baseline, which reads the exact state (needs --no-perturbed,
+    and the packages of the extra `drake`)."""
     scenes: tuple[str, ...]
     """Scene names, sets (bench20, unseen50), files, folders, or families as `family:NAME:COUNT`."""
     rollouts: int = 100
@@ -62,19 +64,21 @@ class EvaluateConfig:
     seed: int = 0
     """Seed of objects, starts and perturbations."""
     out: Path | None = None
-    """Report file (JSON); none: only print. What is done is kept in the folder OUT.trials beside it, and an evaluation of the
-    same policy, scenes and settings goes on from there."""
+    """Report file (JSON); none: only print. What is done is kept in the folder OUT.trials beside it, and an evaluation
+    of the same policy, scenes and settings goes on from there."""
     batch: int = 250
     """Trials that one process takes at a time: a policy's are simulated side by side."""
     threads: int = 0
     """Processes, each on one core; 0: one for each core."""
     protocol: Literal["robot", "paper"] = "robot"
-    """`robot`: 2 ms physics with converged elliptic cones, palms 0.6 to 1.2, soles 0.5 to 1.2, torso's centre of mass ± 10 cm;
-    `paper`: 5 ms physics with pyramids, palms 2.0, soles 0.8 to 1.2, ± 5 cm, to compare with the paper's tables."""
+    """`robot`: 2 ms physics with converged elliptic cones, palms 0.6 to 1.2, soles 0.5 to 1.2, torso's centre of mass ±
+    10 cm; `paper`: 5 ms physics with pyramids, palms 2.0, soles 0.8 to 1.2, ± 5 cm, to compare with the paper's
+    tables."""
     perturbed: bool = True
     """Noise, delays, pushes and uncertain dynamics of the protocol."""
     without: tuple[str, ...] = ()
-    """Of these, what is switched off, to see what it costs: sensor-noise, object-noise, delay, root-rate, pushes, dynamics."""
+    """Of these, what is switched off, to see what it costs: sensor-noise, object-noise, delay, root-rate, pushes,
+    dynamics."""
     shapes: tuple[str, ...] = ("box",)
     """Shapes of the carried objects."""
     size_m: tuple[float, float] = (0.20, 0.40)
@@ -86,8 +90,9 @@ class EvaluateConfig:
     horizon_s: float = 5.0
     """Time limit of a trial (paper: 5 s)."""
     referees: tuple[str, ...] = REFEREES
-    """Who judges the same trials: `exact`, contacts of the full geometry, whose verdicts the rates of a report are; `points`,
-    eleven points of the body and eight of the object, beside it. `exact` alone is faster: a contact then ends a trial."""
+    """Who judges the same trials: `exact`, contacts of the full geometry, whose verdicts the rates of a report are;
+    `points`, eleven points of the body and eight of the object, beside it. `exact` alone is faster: a contact then ends
+    a trial."""
 
     def __post_init__(self) -> None:
         self._check_carrier()
@@ -137,13 +142,20 @@ class EvaluateConfig:
 
 
 def score_block(
-    policy: Policy, scene: Scene, states: Sequence[CarryState], seed: int, conditions: Conditions, *, first: int = 0,
-    judges: Sequence[str] = REFEREES, on_trials: Callable[[int], None] | None = None,
-) -> Trials:  # fmt: skip
+    policy: Policy,
+    scene: Scene,
+    states: Sequence[CarryState],
+    seed: int,
+    conditions: Conditions,
+    *,
+    first: int = 0,
+    judges: Sequence[str] = REFEREES,
+    on_trials: Callable[[int], None] | None = None,
+) -> Trials:
     """Runs a policy in trials `first` .. `first + len(states)` of a scene side by side, see `start_trials`.
 
-    `judges`: referees. `on_trials(n)` is called when n more trials are over. Raises `CheckpointError` for a policy of another
-    observation.
+    `judges`: referees. `on_trials(n)` is called when n more trials are over. Raises `CheckpointError` for a policy of
+    another observation.
     """
     meta = policy.meta
     env = start_trials(scene, states, seed, conditions, first=first, trained=meta["task"], preset=meta["preset"])
@@ -214,9 +226,12 @@ class Scorer:
         ignored = ("out", "threads", "policy", "scenes")
         config = {k: v for k, v in asdict(self.config).items() if k not in ignored}
         settings = {
-            **config, "referees": self.config.judges, "carrier": digest(carrier), "source": source_version(),
+            **config,
+            "referees": self.config.judges,
+            "carrier": digest(carrier),
+            "source": source_version(),
             "scenes": [scene_digest(scene) for scene in self.scenes],
-        }  # fmt: skip
+        }
         return json.loads(json.dumps(settings))
 
 
@@ -254,8 +269,12 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
                 f"{len(done)} of {len(scorer.blocks())} blocks are in {store.folder}: going on", highlight=False
             )
     columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
-    )  # fmt: skip
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         before = sum(trials.rollouts for trials in done.values())
         task = progress.add_task("trials", total=config.rollouts * len(names), completed=before)

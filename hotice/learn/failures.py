@@ -1,6 +1,8 @@
-"""Failures that a user can mend though no one raised a `HoticeError`: out of memory, a disk that is full or cannot be written.
+"""Failures that a user can mend though no one raised a `HoticeError`: out of memory, a disk that is full or cannot be
+written.
 
-They can come from anywhere (an allocation in torch, a log, a cache), so they are told apart at the end, by what they are.
+They can come from anywhere (an allocation in torch, a log, a cache), so they are told apart at the end, by what they
+are.
 """
 
 from __future__ import annotations

@@ -7,9 +7,15 @@ from torch import Tensor
 
 
 def gae(
-    reward: Tensor, value: Tensor, last_value: Tensor, final_value: Tensor, terminated: Tensor, truncated: Tensor,
-    gamma: float, lam: float,
-) -> Tensor:  # fmt: skip
+    reward: Tensor,
+    value: Tensor,
+    last_value: Tensor,
+    final_value: Tensor,
+    terminated: Tensor,
+    truncated: Tensor,
+    gamma: float,
+    lam: float,
+) -> Tensor:
     """Advantages (T, N, A) of A streams (Schulman et al. 2016).
 
     Args:

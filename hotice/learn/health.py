@@ -1,4 +1,6 @@
-"""What must hold after every update, before anything is saved: finite networks, and physics that mostly stays in one piece."""
+"""What must hold after every update, before anything is saved: finite networks, and physics that mostly stays in one
+piece.
+"""
 
 from __future__ import annotations
 

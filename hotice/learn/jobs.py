@@ -1,7 +1,7 @@
 """One job of a pipeline: a command of `hotice` with its options, a folder of its own, and a mark when it is done.
 
-The folder's name ends in a hash of command and options, those of the jobs before it included. A job that is changed gets
-another folder; nothing is overwritten, and what is marked as done was done exactly so.
+The folder's name ends in a hash of command and options, those of the jobs before it included. A job that is changed
+gets another folder; nothing is overwritten, and what is marked as done was done exactly so.
 """
 
 from __future__ import annotations
@@ -25,9 +25,14 @@ from hotice.files import make_folder, write_text
 FORMAT = "hotice-job/1"
 RESULT, LOG, LOCK = "result.json", "log.txt", "lock"
 OUTPUTS: Mapping[str, str] = {
-    "train": "", "distill": "", "finetune": "", "merge": "",
-    "evaluate": "report.json", "export": "policy.onnx", "play": "replay.html",
-}  # fmt: skip
+    "train": "",
+    "distill": "",
+    "finetune": "",
+    "merge": "",
+    "evaluate": "report.json",
+    "export": "policy.onnx",
+    "play": "replay.html",
+}
 """Commands that can be jobs, and where in the job's folder their output goes (runs: the folder itself)."""
 USER_ERROR = 2
 """Exit status that no repetition mends."""
@@ -67,7 +72,8 @@ class Job:
 class JobProcess:
     """A job in a process of its own, which goes on from the newest checkpoint where there is one.
 
-    The process holds a lock on the folder as long as it lives, also when whoever started it was killed: a second one waits.
+    The process holds a lock on the folder as long as it lives, also when whoever started it was killed: a second one
+    waits.
     """
 
     def __init__(self, job: Job) -> None:
@@ -85,9 +91,12 @@ class JobProcess:
         status = self.process.poll()
         if status == 0 and not self.job.done:
             mark = {
-                "format": FORMAT, "name": self.job.name, "command": self.job.command, "argv": self.job.argv,
+                "format": FORMAT,
+                "name": self.job.name,
+                "command": self.job.command,
+                "argv": self.job.argv,
                 "seconds": round(time.monotonic() - self.began, 1),
-            }  # fmt: skip
+            }
             write_text(self.job.folder / RESULT, json.dumps(mark, indent=1) + "\n")
         return status
 
@@ -110,10 +119,14 @@ class JobProcess:
                 except BlockingIOError:
                     return
                 self.process = subprocess.Popen(
-                    [sys.executable, "-m", "hotice.learn", self.job.command, *self.job.argv], stdin=subprocess.DEVNULL,
-                    stdout=log, stderr=log, pass_fds=(lock.fileno(),), start_new_session=True,
+                    [sys.executable, "-m", "hotice.learn", self.job.command, *self.job.argv],
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
+                    pass_fds=(lock.fileno(),),
+                    start_new_session=True,
                     env={**os.environ, "OMP_NUM_THREADS": str(self.job.cpus)},
-                )  # fmt: skip
+                )
                 lock.truncate(0)
                 lock.write(f"{self.process.pid}\n")
         except OSError as error:  # also of a lock that is written when it is closed
@@ -123,7 +136,9 @@ class JobProcess:
 
 
 def to_argv(options: Mapping[str, Any]) -> list[str]:
-    """Options as they stand on a command line: `{"num_envs": 8, "perturbed": False}` -> `--num-envs 8 --no-perturbed`."""
+    """Options as they stand on a command line: `{"num_envs": 8, "perturbed": False}` -> `--num-envs 8
+    --no-perturbed`.
+    """
     argv: list[str] = []
     for name, value in options.items():
         flag = name.replace("_", "-")

@@ -13,7 +13,9 @@ from hotice.errors import CheckpointError
 
 @dataclass(frozen=True, kw_only=True)
 class Labels:
-    """B states and the action that their teacher would take: raw student observation (B, O), mean (B, 20), teacher (B,)."""
+    """B states and the action that their teacher would take: raw student observation (B, O), mean (B, 20), teacher
+    (B,).
+    """
 
     obs: Tensor
     mean: Tensor

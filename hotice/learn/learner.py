@@ -1,4 +1,6 @@
-"""What dual PPO and distillation share: networks, an optimiser with one group an agent, draws of actions, safe descent."""
+"""What dual PPO and distillation share: networks, an optimiser with one group an agent, draws of actions, safe
+descent.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ Mirror = Callable[[Tensor], Tensor]
 
 
 MIRROR_ROWS = 768
-"""Rows of a large minibatch that the mirror loss looks at: all of them would cost a third of an update, yet 768 of 6,144 change
-the gradient of the actors by 1 %, where two minibatches differ by 130 % (measured on `carry`)."""
+"""Rows of a large minibatch that the mirror loss looks at: all of them would cost a third of an update, yet 768 of
+6,144 change the gradient of the actors by 1 %, where two minibatches differ by 130 % (measured on `carry`)."""
 
 MANY_SKIPPED = 100
 """Minibatches in a row that may be left out because a gradient is not finite."""

@@ -11,17 +11,21 @@ ANCESTORS, MERGED = "ancestors", "merged"
 def line_of(meta: Mapping[str, Any]) -> dict[str, int]:
     """Steps by SHA-256 of the tensors: of the checkpoint of `meta` and of all behind it.
 
-    An ancestor shared by two branches is one entry, so that the sum over a merged line counts it once. Two checkpoints of one
-    run are two entries: where branches began from different ones, what these share counts twice.
+    An ancestor shared by two branches is one entry, so that the sum over a merged line counts it once. Two checkpoints
+    of one run are two entries: where branches began from different ones, what these share counts twice.
     """
     return {**meta.get(ANCESTORS, {}), str(meta["sha256"]): own_steps(meta)}
 
 
 def total_steps(meta: Mapping[str, Any]) -> int:
-    """Environment steps of the run of `meta` and of all behind it; checkpoints from before lines were kept count their own."""
+    """Environment steps of the run of `meta` and of all behind it; checkpoints from before lines were kept count their
+    own.
+    """
     return own_steps(meta) + sum(meta.get(ANCESTORS, {}).values())
 
 
 def own_steps(meta: Mapping[str, Any]) -> int:
-    """Environment steps that this checkpoint alone stands for: none where it is an average, whose parts are ancestors."""
+    """Environment steps that this checkpoint alone stands for: none where it is an average, whose parts are
+    ancestors.
+    """
     return 0 if MERGED in meta and ANCESTORS in meta else int(meta["steps"])

@@ -1,8 +1,9 @@
 """One policy from several branches: runs that went on from the same networks, averaged weight by weight.
 
-Branches of one ancestor lie in one basin, so the point between them acts like them, and the noise of each one's last updates
-cancels, as within a run (`hotice.learn.average`), but over steps that know nothing of each other (Wortsman et al. 2022, "model
-soups"). Networks that were trained apart from nothing have no such common ground: their average does not walk.
+Branches of one ancestor lie in one basin, so the point between them acts like them, and the noise of each one's last
+updates cancels, as within a run (`hotice.learn.average`), but over steps that know nothing of each other (Wortsman et
+al. 2022, "model soups"). Networks that were trained apart from nothing have no such common ground: their average does
+not walk.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 def merge(parts: Sequence[Path], out: Path) -> Path:
     """Writes a checkpoint into the new run `out` whose actors and normaliser are the mean over `parts`.
 
-    Of each part, a checkpoint or a run (its newest), the running average counts where it has one. Everything else is the first
-    part's: critics, optimiser, environments and counters. It is evaluated, exported and gone on with (`--init`) like any other.
+    Of each part, a checkpoint or a run (its newest), the running average counts where it has one. Everything else is
+    the first part's: critics, optimiser, environments and counters. It is evaluated, exported and gone on with
+    (`--init`) like any other.
 
     Raises:
         InvalidConfig: fewer than two different parts.
@@ -81,9 +83,11 @@ def _check_free(out: Path, update: int) -> None:
 
 
 def _check_alike(
-    first: Path, one: tuple[dict[str, Tensor], dict[str, Any]], second: Path,
+    first: Path,
+    one: tuple[dict[str, Tensor], dict[str, Any]],
+    second: Path,
     other: tuple[dict[str, Tensor], dict[str, Any]],
-) -> None:  # fmt: skip
+) -> None:
     """Raises `CheckpointError` for parts between which there is no mean, or one that nobody was trained for."""
     (tensors, meta), (theirs, their_meta) = one, other
     pairs: dict[str, tuple[Any, Any]] = {

@@ -41,8 +41,8 @@ class Normalizer(nn.Module):
     def update(self, x: Tensor) -> None:
         """Takes in a batch (N, D) (parallel variance of Chan et al.).
 
-        Fed with observations and their mirror images, mean and variance become symmetric: normalising then commutes with
-        mirroring, which the mirror loss relies on.
+        Fed with observations and their mirror images, mean and variance become symmetric: normalising then commutes
+        with mirroring, which the mirror loss relies on.
         """
         n = x.shape[0]
         mean, var = x.mean(dim=0), x.var(dim=0, unbiased=False)
@@ -74,9 +74,14 @@ class ActorCritic(nn.Module):
     """The agents of a preset over one observation. `act` concatenates their means: a = [a_low, a_up]."""
 
     def __init__(
-        self, agents: Sequence[Agent], obs: int, critic_obs: int, hidden: Sequence[int], critic_hidden: Sequence[int],
+        self,
+        agents: Sequence[Agent],
+        obs: int,
+        critic_obs: int,
+        hidden: Sequence[int],
+        critic_hidden: Sequence[int],
         init_std: tuple[float, float],
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__()
         self.agents = tuple(agents)
         self.obs_norm = Normalizer(obs)

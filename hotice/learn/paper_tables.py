@@ -32,7 +32,8 @@ class Table:
 
 TABLES: Mapping[str, Table] = {
     "table1": Table(
-        title="Table I: four presets, boxes, 20 scenes", scenes="bench20",
+        title="Table I: four presets, boxes, 20 scenes",
+        scenes="bench20",
         rows=(
             Row(label="Single-Agent & SGF", policy="single_sgf", success_rate=0.587, mean_distance_m=0.296),
             Row(label="Single-Agent & HOD-PF", policy="single_hodpf", success_rate=0.657, mean_distance_m=0.267),
@@ -41,7 +42,8 @@ TABLES: Mapping[str, Table] = {
         ),
     ),
     "table2": Table(
-        title="Table II: three object shapes, 20 scenes", scenes="bench20",
+        title="Table II: three object shapes, 20 scenes",
+        scenes="bench20",
         rows=(
             Row(label="Cuboid", policy="dual_hodpf", success_rate=0.885, mean_distance_m=0.130),
             Row(label="Cylinder", policy="cylinder", success_rate=0.867, mean_distance_m=0.127),
@@ -49,10 +51,11 @@ TABLES: Mapping[str, Table] = {
         ),
     ),
     "unseen": Table(
-        title="Unseen scenes: one generalist, boxes, 50 scenes", scenes="unseen50",
+        title="Unseen scenes: one generalist, boxes, 50 scenes",
+        scenes="unseen50",
         rows=(Row(label="Dual-Agent & HOD-PF", policy="generalist", success_rate=0.801, mean_distance_m=0.27),),
     ),
-}  # fmt: skip
+}
 """Table III of the paper was measured on the robot: there is nothing to simulate."""
 
 
@@ -68,21 +71,27 @@ class Made:
         """What stands behind a number, JSON-ready."""
         trained = self.report["trained"]
         return {
-            "policy": self.report["policy"], "preset": self.report["preset"], "trained": trained,
-            "trained_by": self.trained_by, "evaluated_by": self.evaluated_by, "protocol": self.report.get("protocol"),
+            "policy": self.report["policy"],
+            "preset": self.report["preset"],
+            "trained": trained,
+            "trained_by": self.trained_by,
+            "evaluated_by": self.evaluated_by,
+            "protocol": self.report.get("protocol"),
             "perturbed": self.report["perturbed"],
             "evaluated_with": self.report["source"],
-        }  # fmt: skip
+        }
 
 
 def table_markdown(table: Table, made: Mapping[str, Made]) -> str:
     """A table as Markdown, ours beside the paper's; a row without a policy says so."""
     protocols = sorted({f"protocol {_protocol(m.report)}" for m in made.values()})
     lines = [
-        f"## {table.title}", "", *([f"{', '.join(protocols)}, referee exact", ""] if protocols else []),
+        f"## {table.title}",
+        "",
+        *([f"{', '.join(protocols)}, referee exact", ""] if protocols else []),
         "| Method | SR [%] | 95 % | mDist [m] | Trials | Paper SR [%] | Paper mDist [m] | Steps |",
         "|---|---|---|---|---|---|---|---|",
-    ]  # fmt: skip
+    ]
     for row in table.rows:
         theirs = f"{100 * row.success_rate:.1f} | {row.mean_distance_m:.3f}"
         if row.policy not in made:
@@ -136,9 +145,11 @@ def tables_json(tables: Sequence[str], made: Mapping[str, Made]) -> dict[str, An
         rows = []
         for row in TABLES[name].rows:
             entry: dict[str, Any] = {
-                "label": row.label, "policy": row.policy,
-                "paper": {"success_rate": row.success_rate, "mean_distance_m": row.mean_distance_m}, "ours": None,
-            }  # fmt: skip
+                "label": row.label,
+                "policy": row.policy,
+                "paper": {"success_rate": row.success_rate, "mean_distance_m": row.mean_distance_m},
+                "ours": None,
+            }
             if row.policy in made:
                 report = made[row.policy].report
                 kept = ("success_rate", "success_interval_95", "mean_distance_m", "rollouts")

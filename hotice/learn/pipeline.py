@@ -1,8 +1,8 @@
 """Runs the jobs of a pipeline in the order of their references, several at a time, here or on a Ray cluster.
 
-What is done stays done: each job leaves a mark in its folder, so a pipeline that was stopped, or lost its machine, goes on where
-it was. A job whose process dies is tried again and goes on from its newest checkpoint; one that ends with an error of the user
-(status 2) is not, and the jobs that need it are left out while the others go on.
+What is done stays done: each job leaves a mark in its folder, so a pipeline that was stopped, or lost its machine, goes
+on where it was. A job whose process dies is tried again and goes on from its newest checkpoint; one that ends with an
+error of the user (status 2) is not, and the jobs that need it are left out while the others go on.
 """
 
 from __future__ import annotations
@@ -162,12 +162,17 @@ class Schedule:
         """Writes `status.json`."""
         rows = [
             {
-                "name": job.name, "state": it.state, "attempts": it.attempts, "seconds": round(it.seconds, 1),
-                "output": str(job.output), "needs": job.needs, "message": it.words,
+                "name": job.name,
+                "state": it.state,
+                "attempts": it.attempts,
+                "seconds": round(it.seconds, 1),
+                "output": str(job.output),
+                "needs": job.needs,
+                "message": it.words,
             }
             for job in self.pipeline.jobs
             for it in [self.progress[job.name]]
-        ]  # fmt: skip
+        ]
         write_text(self.pipeline.out / STATUS, json.dumps({"format": FORMAT, "jobs": rows}, indent=1) + "\n")
 
     def table(self) -> Table:

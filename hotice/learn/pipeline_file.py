@@ -11,10 +11,11 @@
         options: {scenes: $each}          # the item of the copy
       student:
         command: distill
-        options: {teachers: $teacher, scenes: train75}   # $NAME: output of a job, of all its copies, or of one: $NAME/COPY
+        options: {teachers: $teacher, scenes: train75}   # $NAME: output of a job, of all its copies, or of one:
+            $NAME/COPY
 
-The file is parsed, never executed; unknown keys, repeated keys, aliases, loose references and cycles are refused, and every
-command line is checked before the first job starts.
+The file is parsed, never executed; unknown keys, repeated keys, aliases, loose references and cycles are refused, and
+every command line is checked before the first job starts.
 """
 
 from __future__ import annotations
@@ -157,9 +158,14 @@ def _job(copy: _Copy, out: Path, before: Mapping[str, list[Job]]) -> Job:
     key = hashlib.sha256(relative.encode()).hexdigest()[:10]
     folder = out / f"{copy.name.replace('/', '-')}-{key}"
     job = Job(
-        name=copy.name, command=copy.command, argv=(), needs=tuple(dict.fromkeys(j.name for j in needed)), folder=folder,
-        cpus=copy.cpus, gpus=copy.gpus,
-    )  # fmt: skip
+        name=copy.name,
+        command=copy.command,
+        argv=(),
+        needs=tuple(dict.fromkeys(j.name for j in needed)),
+        folder=folder,
+        cpus=copy.cpus,
+        gpus=copy.gpus,
+    )
     given = {**options, "out": str(job.output)}
     if "resume" in option_names(copy.command):
         given["resume"] = True
@@ -225,7 +231,9 @@ def _mapping(where: str, value: Any, known: set[str] | None = None, needed: tupl
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain values only: no aliases, which can make a small file huge, and no key twice, which YAML would drop silently."""
+    """Plain values only: no aliases, which can make a small file huge, and no key twice, which YAML would drop
+    silently.
+    """
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):

@@ -1,4 +1,6 @@
-"""Stations to look at: `hotice play --controller walk|pickup|pickup_then_policy`. Drake is imported here only, when asked for."""
+"""Stations to look at: `hotice play --controller walk|pickup|pickup_then_policy`. Drake is imported here only, when
+asked for.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ DRAWS = 20
 
 
 def record_stations(config: PlayConfig, scenes: Iterable[Scene]) -> list[RolloutRecord]:
-    """Runs `config.rollouts` stations a scene, each with another box and table, and says who carried on after each pick-up.
+    """Runs `config.rollouts` stations a scene, each with another box and table, and says who carried on after each
+    pick-up.
 
     Raises `HoticeError`: `MissingExtra` without Drake, scenes without room for a table.
     """

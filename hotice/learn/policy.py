@@ -29,7 +29,7 @@ from hotice.policies.policy_file import (
     PolicySession,
     content_hash,
     shipped_policies,
-)  # fmt: skip
+)
 from hotice.policies.policy_task import PolicyTask
 from hotice.sim.config import get_preset
 
@@ -59,7 +59,9 @@ class TorchPolicy:
 
 
 class OnnxPolicy:
-    """An exported policy, run by onnxruntime on the CPU. `content`: of the file, read from `path` when it is not given."""
+    """An exported policy, run by onnxruntime on the CPU. `content`: of the file, read from `path` when it is not
+    given.
+    """
 
     def __init__(self, path: Path, name: str | None = None, threads: int = 0, content: bytes | None = None) -> None:
         self._session = PolicySession(path, name, threads, content)
@@ -99,9 +101,13 @@ def torch_policy(path: Path) -> TorchPolicy:
         obs = sum(width for _, width in meta["layout"])
         critic = sum(width for _, width in meta["critic_layout"])
         net = ActorCritic(
-            get_preset(config["preset"]).agents, obs, critic, config["hidden"], config["critic_hidden"],
+            get_preset(config["preset"]).agents,
+            obs,
+            critic,
+            config["hidden"],
+            config["critic_hidden"],
             tuple(config["init_std"]),
-        )  # fmt: skip
+        )
         check_weights(path, tensors)
         weights = {k.removeprefix("net."): v for k, v in averaged(tensors).items() if k.startswith("net.")}
         net.load_state_dict(weights)
@@ -120,14 +126,22 @@ def policy_meta(meta: dict[str, Any]) -> dict[str, Any]:
     config = meta["config"]
     known = TrainedOn.of_meta(meta, str(meta.get("sha256", "")))
     return {
-        "format": FORMAT, "preset": config["preset"], "layout": [list(row) for row in meta["layout"]],
-        "task": config["task"], "trained": {
-            "steps": meta["steps"], "total_steps": total_steps(meta), "updates": meta["update"],
-            "minutes": round(meta["minutes"], 1), "seed": config["seed"], "scenes": config["scenes"], "source": meta["source"],
+        "format": FORMAT,
+        "preset": config["preset"],
+        "layout": [list(row) for row in meta["layout"]],
+        "task": config["task"],
+        "trained": {
+            "steps": meta["steps"],
+            "total_steps": total_steps(meta),
+            "updates": meta["update"],
+            "minutes": round(meta["minutes"], 1),
+            "seed": config["seed"],
+            "scenes": config["scenes"],
+            "source": meta["source"],
             "on": known.summary(),
         },
         **({TRAINED_ON: meta[TRAINED_ON]} if TRAINED_ON in meta else {}),
-    }  # fmt: skip
+    }
 
 
 def export_onnx(policy: TorchPolicy, path: Path) -> Path:
@@ -146,9 +160,14 @@ def export_onnx(policy: TorchPolicy, path: Path) -> Path:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         program = torch.onnx.export(
-            policy.net, (example,), input_names=[OBSERVATION], output_names=[ACTION], dynamo=True, verbose=False,
+            policy.net,
+            (example,),
+            input_names=[OBSERVATION],
+            output_names=[ACTION],
+            dynamo=True,
+            verbose=False,
             dynamic_shapes={"raw_obs": {0: torch.export.Dim("batch")}},
-        )  # fmt: skip
+        )
     assert program is not None
     model = program.model_proto
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.initializer):

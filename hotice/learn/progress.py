@@ -45,9 +45,14 @@ class Progress:
         self.console = Console(stderr=True)
         self.live = sys.stderr.isatty()
         self.bar = RichProgress(
-            TextColumn("[bold]{task.description}"), BarColumn(), TextColumn("{task.fields[text]}"), TimeElapsedColumn(),
-            console=self.console, disable=not self.live, transient=True,
-        )  # fmt: skip
+            TextColumn("[bold]{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[text]}"),
+            TimeElapsedColumn(),
+            console=self.console,
+            disable=not self.live,
+            transient=True,
+        )
         limit = config.updates if not config.max_minutes else None
         self.task = self.bar.add_task("training", total=limit, completed=first, text="")
         with self._writing():

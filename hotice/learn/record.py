@@ -37,14 +37,21 @@ class _Frames:
 
 
 def record_rollouts(
-    policy: Policy, scene: Scene, states: Sequence[CarryState], conditions: Conditions | None = None, *, seed: int = 0,
-    after_s: float = 0.0, threads: int = 0,
-) -> list[RolloutRecord]:  # fmt: skip
-    """One rollout for each carry state, the same as a trial of `evaluate`, recorded until `after_s` past its end, at most 5 s.
+    policy: Policy,
+    scene: Scene,
+    states: Sequence[CarryState],
+    conditions: Conditions | None = None,
+    *,
+    seed: int = 0,
+    after_s: float = 0.0,
+    threads: int = 0,
+) -> list[RolloutRecord]:
+    """One rollout for each carry state, the same as a trial of `evaluate`, recorded until `after_s` past its end, at
+    most 5 s.
 
-    `conditions`: physics and perturbation, by default of the protocol `robot` without perturbation. What follows a fall or a drop
-    is not shown, nor a diverged simulation. Raises `InvalidConfig` without states, `CheckpointError` for a policy of another
-    observation.
+    `conditions`: physics and perturbation, by default of the protocol `robot` without perturbation. What follows a fall
+    or a drop is not shown, nor a diverged simulation. Raises `InvalidConfig` without states, `CheckpointError` for a
+    policy of another observation.
     """
     if not states:
         raise InvalidConfig("no carry states: at least one object is needed")
@@ -67,7 +74,7 @@ def record_rollouts(
     return [
         _record(env, scene, states[i], frames, i, int(end[i]), verdict.outcome[i], policy.name)
         for i in range(len(states))
-    ]  # fmt: skip
+    ]
 
 
 def _record(
@@ -75,12 +82,17 @@ def _record(
 ) -> RolloutRecord:
     qpos = np.stack([q[i] for q in frames.qpos[: end + 1]])
     return RolloutRecord.from_states(
-        env.carry.models[i], qpos, scene=scene, carried=state.carried, outcome=outcome,
+        env.carry.models[i],
+        qpos,
+        scene=scene,
+        carried=state.carried,
+        outcome=outcome,
         time_s=env.config.control_dt_s * np.arange(len(qpos)),
-        policy=name, arrow_pos_W=np.stack([p[i] for p in frames.points[: len(qpos)]]),
+        policy=name,
+        arrow_pos_W=np.stack([p[i] for p in frames.points[: len(qpos)]]),
         arrow_force_W=np.stack([f[i] for f in frames.forces[: len(qpos)]]),
         arrow_is_ogf=np.arange(NUM_SGF + 10) >= NUM_SGF,
-    )  # fmt: skip
+    )
 
 
 def failures_first(records: Sequence[RolloutRecord]) -> list[RolloutRecord]:

@@ -1,14 +1,14 @@
 """Who decides how a trial went, and what: pure functions of what was seen in each control step.
 
-Both referees know the same events, and the first one decides; in one step a diverged simulation comes before a fall, a fall
-before a drop, a drop before a collision, the robot's before the object's, and any of them before success. They differ in what a
-collision is:
+Both referees know the same events, and the first one decides; in one step a diverged simulation comes before a fall, a
+fall before a drop, a drop before a collision, the robot's before the object's, and any of them before success. They
+differ in what a collision is:
 
 - `exact`: a link of the robot, or the object, touches an obstacle in any physics step; full geometry.
-- `points`: one of eleven points of the body, or of the object's eight keypoints (a box's corners), is deeper than 4 cm in an
-  obstacle by the signed distance of the fields' grid; the first 50 control steps are free. This is the collision rule of the
-  public code by the paper's first author; the eleven points are ours: head, shoulders, torso, pelvis, knees and feet (the
-  keypoints of the SGF), and hands.
+- `points`: one of eleven points of the body, or of the object's eight keypoints (a box's corners), is deeper than 4 cm
+  in an obstacle by the signed distance of the fields' grid; the first 50 control steps are free. This is the collision
+  rule of the public code by the paper's first author; the eleven points are ours: head, shoulders, torso, pelvis, knees
+  and feet (the keypoints of the SGF), and hands.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ def check_referees(names: Sequence[str]) -> None:
 class Signals:
     """What was seen of N trials after each of T control steps, each (T, N); rows after a trial's end are not read.
 
-    fall, drop, unstable, robot_hit, object_hit: bool. robot_gap_m, object_gap_m: lowest signed distance of the points of the
-    body and of the object, infinite where nobody looked. goal_m: root to goal, horizontally. self_depth_m: how deep parts of the
-    robot were in each other.
+    fall, drop, unstable, robot_hit, object_hit: bool. robot_gap_m, object_gap_m: lowest signed distance of the points
+    of the body and of the object, infinite where nobody looked. goal_m: root to goal, horizontally. self_depth_m: how
+    deep parts of the robot were in each other.
     """
 
     fall: np.ndarray
@@ -77,7 +77,9 @@ class Signals:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Outcome of N trials and its time: code (N,) index into `OUTCOMES`, step (N,) control step of the first event, from 1."""
+    """Outcome of N trials and its time: code (N,) index into `OUTCOMES`, step (N,) control step of the first event,
+    from 1.
+    """
 
     code: np.ndarray
     step: np.ndarray
@@ -104,9 +106,13 @@ def _first(signals: Signals, limit: int, robot: np.ndarray, load: np.ndarray) ->
     code = np.zeros(signals.goal_m.shape, dtype=np.int64)
     code[limit - 1 :] = OUTCOMES.index("timeout")
     for name, seen in (
-        ("success", signals.goal_m < GOAL_M), ("object_collision", load), ("robot_collision", robot),
-        ("drop", signals.drop), ("fall", signals.fall), ("unstable", signals.unstable),
-    ):  # fmt: skip
+        ("success", signals.goal_m < GOAL_M),
+        ("object_collision", load),
+        ("robot_collision", robot),
+        ("drop", signals.drop),
+        ("fall", signals.fall),
+        ("unstable", signals.unstable),
+    ):
         code[seen] = OUTCOMES.index(name)
     code = code[:limit]
     at = (code > 0).argmax(axis=0)
@@ -114,7 +120,9 @@ def _first(signals: Signals, limit: int, robot: np.ndarray, load: np.ndarray) ->
 
 
 def deepest(signals: Signals, verdict: Verdict) -> np.ndarray:
-    """How deep parts of the robot were in each other at most before each trial's end, (N,) [m]; self contact ends no trial."""
+    """How deep parts of the robot were in each other at most before each trial's end, (N,) [m]; self contact ends no
+    trial.
+    """
     before = np.arange(len(signals.self_depth_m))[:, None] < verdict.step
     return np.where(before, signals.self_depth_m, 0.0).max(axis=0)
 
@@ -131,9 +139,9 @@ class Afterwards:
 def afterwards(signals: Signals, limit: int, stay: int) -> Afterwards:
     """What came after the arrivals; `stay`: control steps in `STAY_S`.
 
-    distance_m: root to goal at the time limit, of failures and of whoever falls or drops later where that happened. standing:
-    arrived, and up to the limit upright, with the load in the hands and free of contact. stayed: arrived, within 0.1 m
-    `stay` steps later and upright until then, also where that is after the limit.
+    distance_m: root to goal at the time limit, of failures and of whoever falls or drops later where that happened.
+    standing: arrived, and up to the limit upright, with the load in the hands and free of contact. stayed: arrived,
+    within 0.1 m `stay` steps later and upright until then, also where that is after the limit.
     """
     verdict = exact(signals, limit)
     trials, last = np.arange(len(verdict.code)), len(signals.goal_m) - 1
@@ -148,5 +156,6 @@ def afterwards(signals: Signals, limit: int, stay: int) -> Afterwards:
     near = (signals.goal_m[then, trials] < GOAL_M) & (down_at > then)
     return Afterwards(
         distance_m=signals.goal_m[end, trials],
-        standing=arrived & (np.minimum(down_at, touch_at) >= limit), stayed=arrived & near,
-    )  # fmt: skip
+        standing=arrived & (np.minimum(down_at, touch_at) >= limit),
+        stayed=arrived & near,
+    )

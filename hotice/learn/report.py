@@ -26,14 +26,21 @@ SELDOM = ("unstable", "no_plan")
 def make_report(carrier: Carrier, config: EvaluateConfig, scores: Sequence[tuple[str, Trials]]) -> dict[str, Any]:
     """The report of format hotice-report/1; `scores`: name and trials of each scene."""
     return {
-        "format": FORMAT, **described(carrier), "seed": config.seed, "rollouts": config.rollouts,
+        "format": FORMAT,
+        **described(carrier),
+        "seed": config.seed,
+        "rollouts": config.rollouts,
         **Trials.joined(trials for _, trials in scores).rates(),
-        "perturbed": config.perturbed, "without": list(config.without),
-        "protocol": config.protocol, "physics": config.conditions.physics, "referees": list(config.judges),
+        "perturbed": config.perturbed,
+        "without": list(config.without),
+        "protocol": config.protocol,
+        "physics": config.conditions.physics,
+        "referees": list(config.judges),
         "objects": {"shapes": list(config.shapes), "size_m": list(config.size_m), "mass_kg": list(config.mass_kg)},
-        "horizon_s": config.horizon_s, "source": source_version(),
+        "horizon_s": config.horizon_s,
+        "source": source_version(),
         "scenes": [{"name": name, **trials.summary()} for name, trials in scores],
-    }  # fmt: skip
+    }
 
 
 def print_report(report: dict[str, Any], console: Console) -> None:

@@ -1,7 +1,8 @@
-"""The paper's tables and its figure of unseen scenes, from given policies or, on a small budget, from ones trained here.
+"""The paper's tables and its figure of unseen scenes, from given policies or, on a small budget, from ones trained
+here.
 
-Everything is kept in one folder: runs, reports, similarities, `tables.md`, `tables.json`, `unseen.png`. The same command
-goes on where it was interrupted.
+Everything is kept in one folder: runs, reports, similarities, `tables.md`, `tables.json`, `unseen.png`. The same
+command goes on where it was interrupted.
 """
 
 from __future__ import annotations
@@ -70,8 +71,8 @@ class ReproduceConfig:
     what: Annotated[Literal["table1", "table2", "unseen", "all"], tyro.conf.Positional]
     """Which result of the paper."""
     budget: Literal["small", "paper"] = "small"
-    """small: policies that are not given are trained for the same small number of steps, 100 trials a scene; paper: 1,000
-    trials a scene, nothing is trained."""
+    """small: policies that are not given are trained for the same small number of steps, 100 trials a scene; paper:
+    1,000 trials a scene, nothing is trained."""
     out: Path = Path("reproduce")
     """Folder of everything that is made."""
     policies: tuple[str, ...] = ()
@@ -95,8 +96,8 @@ class ReproduceConfig:
     training: tuple[str, ...] = ("train75",)
     """Training scenes of the generalist, where it is trained here."""
     trained_on: tuple[str, ...] = ()
-    """All scenes that a given generalist and its ancestors were trained on, to which unseen ones are compared: only for a policy
-    that carries no whole record of them."""
+    """All scenes that a given generalist and its ancestors were trained on, to which unseen ones are compared: only for
+    a policy that carries no whole record of them."""
     unseen: tuple[str, ...] = ("unseen50",)
     """Unseen scenes."""
 
@@ -159,8 +160,11 @@ def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> d
         console.rule(f"evaluating {name}")
         made[name], paths[name] = _evaluate(config, name, path, command), path
     result = {
-        "format": FORMAT, "source": source_version(), "budget": config.budget, **tables_json(config.tables(), made)
-    }  # fmt: skip
+        "format": FORMAT,
+        "source": source_version(),
+        "budget": config.budget,
+        **tables_json(config.tables(), made),
+    }
     parts = [table_markdown(TABLES[name], made) for name in config.tables()]
     if "unseen" in config.tables() and "generalist" in made:
         result["unseen"] |= _unseen(config, paths["generalist"], made["generalist"])
@@ -179,10 +183,17 @@ def _train(config: ReproduceConfig, name: str, shared: TrainConfig) -> tuple[str
     recipe, budget = RECIPES[name], config.resources()
     objects = replace(shared.task.objects, shapes=(recipe.shape,))
     train = replace(
-        shared, out=config.out / "runs" / name, preset=recipe.preset, scenes=config.scenes(recipe.train_scenes),
-        num_envs=budget.num_envs, updates=budget.updates, seed=config.seed, threads=config.threads, resume=True,
+        shared,
+        out=config.out / "runs" / name,
+        preset=recipe.preset,
+        scenes=config.scenes(recipe.train_scenes),
+        num_envs=budget.num_envs,
+        updates=budget.updates,
+        seed=config.seed,
+        threads=config.threads,
+        resume=True,
         task=replace(shared.task, objects=objects),
-    )  # fmt: skip
+    )
     if not _trained(train):
         Runner(train).train()
     if not _trained(train):
@@ -217,10 +228,16 @@ def _options(config: Any, default: Any) -> Sequence[str]:
 def _evaluate(config: ReproduceConfig, name: str, path: str, trained_by: str | None) -> Made:
     recipe = RECIPES[name]
     asked = EvaluateConfig(
-        policy=path, scenes=config.scenes(recipe.test_scenes), rollouts=config.resources().rollouts, seed=config.seed,
-        out=config.out / f"{name}.json", threads=config.threads, protocol=config.protocol, perturbed=config.perturbed,
+        policy=path,
+        scenes=config.scenes(recipe.test_scenes),
+        rollouts=config.resources().rollouts,
+        seed=config.seed,
+        out=config.out / f"{name}.json",
+        threads=config.threads,
+        protocol=config.protocol,
+        perturbed=config.perturbed,
         shapes=(recipe.shape,),
-    )  # fmt: skip
+    )
     required = ["--policy", path, "--scenes", *asked.scenes]
     options = _options(asked, EvaluateConfig(policy=path, scenes=asked.scenes))
     command = shlex.join(["hotice", "evaluate", *required, *options])

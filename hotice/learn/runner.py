@@ -44,7 +44,9 @@ from hotice.sim.threads import use_threads
 
 
 class Runner:
-    """Trains one run. Everything that a later update depends on is in its checkpoints: a resumed run goes on bit for bit."""
+    """Trains one run. Everything that a later update depends on is in its checkpoints: a resumed run goes on bit for
+    bit.
+    """
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
         self.config = config
@@ -58,9 +60,15 @@ class Runner:
             resolved = {item: resolve_item(item) for item in dict.fromkeys(config.scenes)}
             scenes = [scene for item in config.scenes for scene in resolved[item]]
             env = TransportEnv(
-                config.num_envs, scenes, preset=config.preset, device=device, physics=config.physics, seed=seed,
-                config=task, threads=config.threads,
-            )  # fmt: skip
+                config.num_envs,
+                scenes,
+                preset=config.preset,
+                device=device,
+                physics=config.physics,
+                seed=seed,
+                config=task,
+                threads=config.threads,
+            )
         else:
             resolved = {GIVEN: env.bank.scenes}
         self.env = env
@@ -211,7 +219,9 @@ class Runner:
         return late or bool(every and self.update % every == 0)
 
     def save(self) -> None:
-        """Writes a checkpoint: what all ranks share, and what each has of its own (rank 1 and up: `rankN.` before the names)."""
+        """Writes a checkpoint: what all ranks share, and what each has of its own (rank 1 and up: `rankN.` before the
+        names).
+        """
         own = {f"env.{k}": v for k, v in self.env.state().items()} | self.algo.own_state()
         own |= {"reached": self.stats.reached, "touched": self.stats.touched}
         first, *others = distributed.collect(own)
@@ -221,12 +231,19 @@ class Runner:
         tensors["curriculum"] = self.curriculum.rate
         tensors |= self.stages.state()
         meta: dict[str, Any] = {
-            **self.algo.meta(), "steps": self.steps, "minutes": self.minutes,
-            "config": config_to_dict(self.config), "layout": self.env.policy_table.layout(),
-            "critic_layout": self.env.critic_table.layout(), "scenes": self.env.bank.names, "source": source_version(),
-            ANCESTORS: self.ancestors, TRAINED_ON: self.trained_on.to_json(),
-            "num_envs": self.env.num_envs, "ranks": distributed.size(),
-        }  # fmt: skip
+            **self.algo.meta(),
+            "steps": self.steps,
+            "minutes": self.minutes,
+            "config": config_to_dict(self.config),
+            "layout": self.env.policy_table.layout(),
+            "critic_layout": self.env.critic_table.layout(),
+            "scenes": self.env.bank.names,
+            "source": source_version(),
+            ANCESTORS: self.ancestors,
+            TRAINED_ON: self.trained_on.to_json(),
+            "num_envs": self.env.num_envs,
+            "ranks": distributed.size(),
+        }
         self._saved_at = time.monotonic()
         if distributed.rank() == 0:
             save_checkpoint(self.config.out, self.update, tensors, meta)
@@ -258,11 +275,12 @@ class Runner:
         self._keep_rates(tensors["curriculum"], meta["scenes"])
         ranks = meta.get("ranks", 1)
         pairs = {
-            "ranks": (ranks, distributed.size()), "num_envs": (meta["num_envs"], self.env.num_envs),
+            "ranks": (ranks, distributed.size()),
+            "num_envs": (meta["num_envs"], self.env.num_envs),
             "scenes": (meta["scenes"], self.env.bank.names),
             "task": (meta["config"]["task"], config_to_dict(self.config)["task"]),
             "perturbed": (meta["config"].get("perturbed", False), self.config.perturbed),
-        }  # fmt: skip
+        }
         if others := [name for name, (theirs, ours) in pairs.items() if theirs != ours]:
             kept = sum(name in meta["scenes"] for name in self.env.bank.names)
             self.anew = (
@@ -296,7 +314,8 @@ class Runner:
 
         The actors begin at their average, where the run kept one.
 
-        Inputs that hardly varied in that run (the distance to obstacles on an open floor) get zero weights and an ordinary
+        Inputs that hardly varied in that run (the distance to obstacles on an open floor) get zero weights and an
+        ordinary
         variance: the old skill stays what it was when they begin to vary. Rows that its observation did not have (scan,
         history) begin with zero weights too.
         """
@@ -322,8 +341,9 @@ class Runner:
         """A checkpoint for this environment's observation, where that only adds rows to the checkpoint's."""
         env = self.env
         for key, table, norm, net in (
-            ("layout", env.policy_table, "obs_norm", "actor"), ("critic_layout", env.critic_table, "critic_norm", "critic"),
-        ):  # fmt: skip
+            ("layout", env.policy_table, "obs_norm", "actor"),
+            ("critic_layout", env.critic_table, "critic_norm", "critic"),
+        ):
             old, new = [(name, width) for name, width in meta[key]], table.layout()
             if columns_within(old, new) is not None:
                 tensors, meta = widen(tensors, old, new, norm, net), {**meta, key: new}

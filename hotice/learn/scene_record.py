@@ -15,8 +15,8 @@ from hotice.model.scene_digest import scene_digest
 SHORT = 12
 """Hexadecimal digits that are kept of the digest of a single scene."""
 TOLD_BY = ("run", "ledger", "hand")
-"""Who says that these scenes were trained on, the most reliable first: the run itself, as it trained; the training ledger,
-afterwards; a user, who named them."""
+"""Who says that these scenes were trained on, the most reliable first: the run itself, as it trained; the training
+ledger, afterwards; a user, who named them."""
 UNKNOWN_FAMILY = "unknown"
 KINDS = ("family", "set", "scene", "files")
 
@@ -25,9 +25,9 @@ KINDS = ("family", "set", "scene", "files")
 class SceneRecord:
     """Scenes of one set, family, name, file or folder.
 
-    scenes: how they are written on the command line, a family with its seed. count: how many. families: how many of each
-    family. digest: SHA-256 over those of all scenes, in order. digests: the first `SHORT` digits of each scene's (see
-    `hotice.model.scene_digest`), or none where there are too many. told_by: of `TOLD_BY`.
+    scenes: how they are written on the command line, a family with its seed. count: how many. families: how many of
+    each family. digest: SHA-256 over those of all scenes, in order. digests: the first `SHORT` digits of each scene's
+    (see `hotice.model.scene_digest`), or none where there are too many. told_by: of `TOLD_BY`.
     """
 
     scenes: str
@@ -45,9 +45,13 @@ class SceneRecord:
         digests = [scene_digest(scene) for scene in scenes]
         families = Counter(family_of(scene.name) or UNKNOWN_FAMILY for scene in scenes)
         return cls(
-            scenes=_with_seed(str(item)), count=len(scenes), families=dict(sorted(families.items())),
-            digest=over_all(digests), digests=tuple(d[:SHORT] for d in digests), told_by=told_by,
-        )  # fmt: skip
+            scenes=_with_seed(str(item)),
+            count=len(scenes),
+            families=dict(sorted(families.items())),
+            digest=over_all(digests),
+            digests=tuple(d[:SHORT] for d in digests),
+            told_by=told_by,
+        )
 
     @property
     def kind(self) -> str:
@@ -68,9 +72,14 @@ class SceneRecord:
     def to_json(self) -> dict[str, Any]:
         """JSON-ready; `digests` is one text, digits after digits, so that a record of a thousand scenes stays small."""
         return {
-            "scenes": self.scenes, "kind": self.kind, "count": self.count, "families": self.families,
-            "digest": self.digest, "digests": "".join(self.digests), "told_by": self.told_by,
-        }  # fmt: skip
+            "scenes": self.scenes,
+            "kind": self.kind,
+            "count": self.count,
+            "families": self.families,
+            "digest": self.digest,
+            "digests": "".join(self.digests),
+            "told_by": self.told_by,
+        }
 
     @classmethod
     def from_json(cls, data: Any) -> SceneRecord:
@@ -85,9 +94,13 @@ class SceneRecord:
             raise ValueError(f"digests are of {len(text) / SHORT:g} scenes, {count} are counted")
         families = {str(name): int(n) for name, n in data["families"].items()}
         return cls(
-            scenes=str(data["scenes"]), count=count, families=families, digest=str(data["digest"]), digests=digests,
+            scenes=str(data["scenes"]),
+            count=count,
+            families=families,
+            digest=str(data["digest"]),
+            digests=digests,
             told_by=told_by,
-        )  # fmt: skip
+        )
 
 
 def over_all(digests: Sequence[str]) -> str:

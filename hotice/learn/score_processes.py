@@ -1,7 +1,8 @@
 """Blocks of an evaluation, shared out to processes of one thread each.
 
-One process a core beats threads inside one process, where every small tensor operation and every physics step waits for the
-slowest thread: 2,170 against 700 to 920 control steps per second of CPU time (250 trials, two cores shared with others).
+One process a core beats threads inside one process, where every small tensor operation and every physics step waits for
+the slowest thread: 2,170 against 700 to 920 control steps per second of CPU time (250 trials, two cores shared with
+others).
 """
 
 from __future__ import annotations

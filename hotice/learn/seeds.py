@@ -1,7 +1,7 @@
 """Random numbers of an evaluation: every trial has its own robot, start, noise, delays and pushes.
 
-They are decided by the seed, by the content of the scene and by the number of the trial, so that a scene gives the same trials
-alone or among others, in any order, and no two scenes share theirs.
+They are decided by the seed, by the content of the scene and by the number of the trial, so that a scene gives the same
+trials alone or among others, in any order, and no two scenes share theirs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ class TrialSeeds:
         return [np.random.default_rng([self.seed, ROBOTS, self.scene, first + i]) for i in range(count)]
 
     def objects(self, rollouts: int, pool: int) -> np.ndarray:
-        """Which of `pool` objects each trial carries, (rollouts,) int: shuffled anew each time that all have been carried."""
+        """Which of `pool` objects each trial carries, (rollouts,) int: shuffled anew each time that all have been
+        carried.
+        """
         rng = np.random.default_rng([self.seed, ORDER, self.scene])
         rounds = [rng.permutation(pool) for _ in range(-(-rollouts // pool))]
         return np.concatenate(rounds)[:rollouts]

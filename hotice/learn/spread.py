@@ -1,7 +1,8 @@
 """Whether trials of the same number in different scenes are independent: the spread of success over trial numbers.
 
-If they are, the mean success over S scenes of one trial number has the variance Σ p (1 − p) / S², p being the rates of scenes.
-If robots, noise or pushes were shared by scenes, lucky numbers would be lucky in all of them, and a report's intervals too short.
+If they are, the mean success over S scenes of one trial number has the variance Σ p (1 − p) / S², p being the rates of
+scenes. If robots, noise or pushes were shared by scenes, lucky numbers would be lucky in all of them, and a report's
+intervals too short.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from hotice.learn.trials import Trials
 
 
 def spread_ratio(success: ArrayLike) -> float:
-    """Standard deviation over trial numbers of the mean over scenes, over that of independent trials; `success` (S, T) bool.
+    """Standard deviation over trial numbers of the mean over scenes, over that of independent trials; `success` (S, T)
+    bool.
 
     Raises `InvalidConfig` without two trials, or where every scene has a rate of 0 or 1.
     """

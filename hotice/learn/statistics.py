@@ -12,8 +12,8 @@ from hotice.sim.terminations import OUTCOMES
 class EpisodeStatistics:
     """Collects ended episodes since the last `pop`, in all and by scene.
 
-    Success here is the first arrival: the root came within the goal radius before robot or object had touched an obstacle and
-    before the episode ended, whatever ended it.
+    Success here is the first arrival: the root came within the goal radius before robot or object had touched an
+    obstacle and before the episode ended, whatever ended it.
     """
 
     def __init__(self, num_envs: int, num_scenes: int, device: torch.device) -> None:

@@ -18,8 +18,15 @@ from hotice.learn.widen import columns_within
 from hotice.sim.env import TransportEnv
 
 CONTRACT = (
-    "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s", "stop_gain_hz", "gait_hz", "resolution_m", "margin_m",
-)  # fmt: skip
+    "leg_scale_rad",
+    "arm_scale_rad",
+    "action_limit",
+    "speed_m_s",
+    "stop_gain_hz",
+    "gait_hz",
+    "resolution_m",
+    "margin_m",
+)
 """Numbers of the task that give observations and actions their meaning: teacher and student must share them."""
 
 
@@ -37,9 +44,9 @@ def contract(task: Mapping[str, Any]) -> dict[str, Any]:
 class Teachers:
     """K frozen policies and who teaches where.
 
-    nets: their networks. columns: what each reads of the student's observation, (O_k,). std (K, 20): their standard deviations.
-    of_scene (S,): the teacher of each scene of the student's task. sources: checkpoint folder of each and the SHA-256 of its
-    tensors.
+    nets: their networks. columns: what each reads of the student's observation, (O_k,). std (K, 20): their standard
+    deviations. of_scene (S,): the teacher of each scene of the student's task. sources: checkpoint folder of each and
+    the SHA-256 of its tensors.
     """
 
     nets: tuple[ActorCritic, ...]
@@ -56,15 +63,16 @@ class Teachers:
 
         A teacher may read fewer rows than the student, which may have a history, say, that the teacher does not need.
 
-        Of the specialists that were trained on a scene, the one with the fewest scenes teaches there (of equals the first);
-        scenes that none of them knows are the generalist's. Only those that teach somewhere are kept.
+        Of the specialists that were trained on a scene, the one with the fewest scenes teaches there (of equals the
+        first); scenes that none of them knows are the generalist's. Only those that teach somewhere are kept.
 
         Args:
             specialists, generalist: checkpoint folders or runs.
             env: the student's. task: its `TaskConfig` as JSON-ready values. preset: of the student.
 
         Raises:
-            CheckpointError: no checkpoint there; another preset, observation or meaning of the action; scenes without teacher.
+            CheckpointError: no checkpoint there; another preset, observation or meaning of the action; scenes without
+                teacher.
         """
         folders = [resolve(path) for path in specialists]
         known = [read_meta(folder).get("scenes", []) for folder in folders]
@@ -88,10 +96,12 @@ class Teachers:
         columns = tuple(columns_in(policy, env.policy_table.layout()).to(env.device) for policy in policies)
         nets = tuple(policy.net.to(env.device) for policy in policies)
         return cls(
-            nets=nets, columns=columns, std=torch.stack([net.std().detach() for net in nets]),
+            nets=nets,
+            columns=columns,
+            std=torch.stack([net.std().detach() for net in nets]),
             of_scene=torch.tensor([used.index(k) for k in chosen], device=env.device),
             sources={str(folders[k]): read_meta(folders[k])["sha256"] for k in used},
-        )  # fmt: skip
+        )
 
     @torch.no_grad()
     def label(self, obs: Tensor, scene: Tensor) -> tuple[Tensor, Tensor]:
@@ -115,7 +125,9 @@ def columns_in(policy: TorchPolicy, layout: list[tuple[str, int]]) -> Tensor:
 
 
 def check_contract(policy: TorchPolicy, task: dict[str, Any], preset: str) -> None:
-    """Raises `CheckpointError` unless a teacher acts for the student's preset, with the same action and observation units."""
+    """Raises `CheckpointError` unless a teacher acts for the student's preset, with the same action and observation
+    units.
+    """
     if policy.meta["preset"] != preset:
         raise CheckpointError(f"{policy.name}: teaches {policy.meta['preset']!r}, the student is {preset!r}")
     theirs = contract(policy.meta["task"])

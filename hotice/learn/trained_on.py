@@ -1,8 +1,10 @@
-"""What a policy was trained on: the scenes of its run and of every run behind it, of teachers and parts of averages too.
+"""What a policy was trained on: the scenes of its run and of every run behind it, of teachers and parts of averages
+too.
 
-The record is in `meta.json` of each checkpoint and in each exported policy. It names what was written on the command line
-(sets, families with count and seed, files) and holds digests of the scenes that came of it, so the scenes can be made again
-(`hotice.learn.training_scenes`) and known again. Its scenes are listed once, whatever number of runs trained on them.
+The record is in `meta.json` of each checkpoint and in each exported policy. It names what was written on the command
+line (sets, families with count and seed, files) and holds digests of the scenes that came of it, so the scenes can be
+made again (`hotice.learn.training_scenes`) and known again. Its scenes are listed once, whatever number of runs trained
+on them.
 """
 
 from __future__ import annotations
@@ -21,15 +23,16 @@ TRAINED_ON = "trained_on"
 GIVEN = "(an environment made by a program)"
 """Stands for scenes that no command line names; they can be known again by digest, not made again."""
 MAX_DIGESTS = 1000
-"""A record keeps the digests of so many single scenes; beyond, its longest entries keep only the one over all their scenes."""
+"""A record keeps the digests of so many single scenes; beyond, its longest entries keep only the one over all their
+scenes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedOn:
     """Entries of a line, and what is missing.
 
-    records: oldest first, no two of the same scenes. unrecorded: SHA-256 of the tensors of checkpoints in the line that have no
-    record, from before there was one.
+    records: oldest first, no two of the same scenes. unrecorded: SHA-256 of the tensors of checkpoints in the line that
+    have no record, from before there was one.
     """
 
     records: tuple[SceneRecord, ...] = ()
@@ -50,7 +53,9 @@ class TrainedOn:
 
     @classmethod
     def of_meta(cls, meta: Mapping[str, Any], where: str = "") -> TrainedOn:
-        """The record of a checkpoint; of one from before there were records, that it is missing. Raises `CheckpointError`."""
+        """The record of a checkpoint; of one from before there were records, that it is missing. Raises
+        `CheckpointError`.
+        """
         if TRAINED_ON in meta:
             return cls.from_json(meta[TRAINED_ON], where)
         return cls(unrecorded=(str(meta.get("sha256", "unknown")),))
@@ -100,14 +105,17 @@ class TrainedOn:
             ) from None
 
     def summary(self) -> dict[str, Any]:
-        """What it comes to, for reports: sets and single scenes, scenes by family, entries not written by a run itself."""
+        """What it comes to, for reports: sets and single scenes, scenes by family, entries not written by a run
+        itself.
+        """
         told = {who: sum(r.told_by == who for r in self.records) for who in TOLD_BY[1:]}
         return {
             "scenes": sum(r.count for r in self.records),
             "sets": [r.scenes for r in self.records if r.kind == "set"],
-            "families": self.families, **{f"told_by_{who}": n for who, n in told.items() if n},
+            "families": self.families,
+            **{f"told_by_{who}": n for who, n in told.items() if n},
             "unrecorded": len(self.unrecorded),
-        }  # fmt: skip
+        }
 
 
 def in_words(summary: Mapping[str, Any]) -> str:

@@ -17,14 +17,15 @@ from hotice.sim.snapshot import NUM_SGF
 from hotice.sim.terminations import OUTCOMES
 
 BODY_POINTS = NUM_SGF + 2
-"""Points of the body that the points rule looks at: the keypoints of the SGF and the hands, the first of `snapshot.POINTS`."""
+"""Points of the body that the points rule looks at: the keypoints of the SGF and the hands, the first of
+`snapshot.POINTS`."""
 
 
 class TrialLog:
     """Collects the signals of N trials and says which of them go on.
 
-    A trial goes on to its time limit, and at least `STAY_S` after its arrival, unless it falls, drops or diverges. A contact
-    before the arrival ends it where the exact referee is alone.
+    A trial goes on to its time limit, and at least `STAY_S` after its arrival, unless it falls, drops or diverges. A
+    contact before the arrival ends it where the exact referee is alone.
 
     Args:
         bank: fields of the one scene. limit: control steps of a trial. control_dt_s: their length. names: referees.
@@ -57,7 +58,9 @@ class TrialLog:
         return ended
 
     def gaps(self, body_W: Tensor, load_W: Tensor) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest signed distance [m] of points (N, K, 3) of body and load, (N,) each; infinite where it is not needed."""
+        """Lowest signed distance [m] of points (N, K, 3) of body and load, (N,) each; infinite where it is not
+        needed.
+        """
         if "points" not in self.names or not any(s.obstacles for s in self.bank.scenes):
             nowhere = np.full(len(body_W), np.inf)
             return nowhere, nowhere
@@ -67,17 +70,24 @@ class TrialLog:
         return body.amin(dim=1).numpy(), load.amin(dim=1).numpy()
 
     def see_step(self, step: Step) -> int:
-        """Adds a step of an environment that ends nothing at goal or contact; returns how many trials are over with it."""
+        """Adds a step of an environment that ends nothing at goal or contact; returns how many trials are over with
+        it.
+        """
         seen, outcome = step.seen, step.outcome.numpy()
         robot_gap_m, object_gap_m = self.gaps(seen.p_WK[:, :BODY_POINTS], seen.p_WOK)
         return self.see(
             Signals(
-                fall=outcome == OUTCOMES.index("fall"), drop=outcome == OUTCOMES.index("drop"),
-                unstable=outcome == OUTCOMES.index("unstable"), robot_hit=seen.robot_hit.numpy(),
-                object_hit=seen.object_hit.numpy(), robot_gap_m=robot_gap_m, object_gap_m=object_gap_m,
-                goal_m=step.goal_distance.numpy(), self_depth_m=step.self_depth.numpy(),
+                fall=outcome == OUTCOMES.index("fall"),
+                drop=outcome == OUTCOMES.index("drop"),
+                unstable=outcome == OUTCOMES.index("unstable"),
+                robot_hit=seen.robot_hit.numpy(),
+                object_hit=seen.object_hit.numpy(),
+                robot_gap_m=robot_gap_m,
+                object_gap_m=object_gap_m,
+                goal_m=step.goal_distance.numpy(),
+                self_depth_m=step.self_depth.numpy(),
             )
-        )  # fmt: skip
+        )
 
     @property
     def signals(self) -> Signals:
@@ -92,9 +102,12 @@ class TrialLog:
         after = referees.afterwards(signals, self.limit, self.stay)
         by_points = referees.points(signals, self.limit).outcome if "points" in self.names else ()
         return Trials(
-            outcome=verdict.outcome, distance_m=tuple(signals.goal_m[at].tolist()),
+            outcome=verdict.outcome,
+            distance_m=tuple(signals.goal_m[at].tolist()),
             time_s=tuple(round(n * self.dt_s, 6) for n in verdict.step.tolist()),
-            distance_at_limit_m=tuple(after.distance_m.tolist()), standing=tuple(after.standing.tolist()),
-            stayed=tuple(after.stayed.tolist()), points=by_points,
+            distance_at_limit_m=tuple(after.distance_m.tolist()),
+            standing=tuple(after.standing.tolist()),
+            stayed=tuple(after.stayed.tolist()),
+            points=by_points,
             self_depth_m=tuple(referees.deepest(signals, verdict).tolist()),
-        )  # fmt: skip
+        )

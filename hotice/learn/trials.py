@@ -14,25 +14,33 @@ from hotice.files import make_folder, read_bytes, write_text
 
 CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan")
 PLURAL = {
-    "robot_collision": "robot_collisions", "object_collision": "object_collisions", "fall": "falls", "drop": "drops",
-    "timeout": "timeouts", "unstable": "unstable", "no_plan": "no_plans",
-}  # fmt: skip
+    "robot_collision": "robot_collisions",
+    "object_collision": "object_collisions",
+    "fall": "falls",
+    "drop": "drops",
+    "timeout": "timeouts",
+    "unstable": "unstable",
+    "no_plan": "no_plans",
+}
 MAX_FILE_BYTES = 256 * 2**20
 DEEP_M = 0.005
-"""Contacts within the robot that are deeper are counted apart: so far two links may yield to each other in the simulation."""
+"""Contacts within the robot that are deeper are counted apart: so far two links may yield to each other in the
+simulation."""
 
 
 OPTIONAL = ("distance_at_limit_m", "standing", "stayed", "points", "self_depth_m")
-"""Fields of `Trials` that may be empty: earlier versions lacked them, and `points` where the exact referee was alone."""
+"""Fields of `Trials` that may be empty: earlier versions lacked them, and `points` where the exact referee was
+alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trials:
-    """Trials of one scene: outcome (of `OUTCOMES`, or `no_plan`), root to goal at the end [m], and duration [s] of each.
+    """Trials of one scene: outcome (of `OUTCOMES`, or `no_plan`), root to goal at the end [m], and duration [s] of
+    each.
 
-    distance_at_limit_m: root to goal at the time limit, of failures at their end. standing, stayed: whether the robot has arrived
-    and goes on standing there, see `hotice.learn.referees.afterwards`. points: outcome by the points rule. self_depth_m: how deep
-    parts of the robot were in each other at most.
+    distance_at_limit_m: root to goal at the time limit, of failures at their end. standing, stayed: whether the robot
+    has arrived and goes on standing there, see `hotice.learn.referees.afterwards`. points: outcome by the points rule.
+    self_depth_m: how deep parts of the robot were in each other at most.
     """
 
     outcome: tuple[str, ...] = ()
@@ -77,18 +85,22 @@ class Trials:
         return dict(Counter(self.outcome))
 
     def rates(self) -> dict[str, Any]:
-        """Success rate with its 95 % Wilson interval and mean distance [m]; the same at the time limit; the points rule's view.
+        """Success rate with its 95 % Wilson interval and mean distance [m]; the same at the time limit; the points
+        rule's view.
 
-        Of the arrivals, the shares that stand at the limit and that have stayed for a second. None: nobody looked, or arrived.
+        Of the arrivals, the shares that stand at the limit and that have stayed for a second. None: nobody looked, or
+        arrived.
         """
         limit, arrived = self.distance_at_limit_m, self.successes
         return {
-            **_rate(self.successes, self.rollouts), "mean_distance_m": sum(self.distance_m) / max(1, self.rollouts),
+            **_rate(self.successes, self.rollouts),
+            "mean_distance_m": sum(self.distance_m) / max(1, self.rollouts),
             "mean_distance_at_limit_m": sum(limit) / len(limit) if limit else None,
             "standing_share": sum(self.standing) / arrived if self.standing and arrived else None,
             "stayed_share": sum(self.stayed) / arrived if self.stayed and arrived else None,
-            "points": self._by_points(), "self_contact": self._within(),
-        }  # fmt: skip
+            "points": self._by_points(),
+            "self_contact": self._within(),
+        }
 
     def _within(self) -> dict[str, float] | None:
         """Share of trials with contact within the robot, with one deeper than `DEEP_M`, and the deepest of all [m]."""
@@ -110,9 +122,11 @@ class Trials:
         """Rates, mean duration of successes [s] and failures by cause."""
         times = [t for t, o in zip(self.time_s, self.outcome, strict=True) if o == "success"]
         return {
-            "rollouts": self.rollouts, **self.rates(), "mean_success_time_s": sum(times) / len(times) if times else None,
+            "rollouts": self.rollouts,
+            **self.rates(),
+            "mean_success_time_s": sum(times) / len(times) if times else None,
             **{PLURAL[c]: self.outcome.count(c) for c in CAUSES},
-        }  # fmt: skip
+        }
 
 
 def _rate(successes: int, trials: int) -> dict[str, Any]:
@@ -183,9 +197,10 @@ class TrialStore:
         self.blocks[scene, block] = trials
         done = sorted(b for s, b in self.blocks if s == scene)
         content = {
-            "name": self.scenes[scene], **Trials.joined(self.blocks[scene, b] for b in done).summary(),
+            "name": self.scenes[scene],
+            **Trials.joined(self.blocks[scene, b] for b in done).summary(),
             "blocks": {b: vars(self.blocks[scene, b]) for b in done},
-        }  # fmt: skip
+        }
         write_text(self._file(scene), json.dumps(content) + "\n")
 
     def _file(self, scene: int) -> Path:

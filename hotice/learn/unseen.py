@@ -1,7 +1,7 @@
 """Success and distance on unseen scenes against their similarity to the training scenes (paper, V-A, unseen scenes).
 
-Training scenes are those of the policy's own record. A scene can be new and yet of a kind that was trained on: scenes whose
-family was trained on and scenes whose family was not are reported apart.
+Training scenes are those of the policy's own record. A scene can be new and yet of a kind that was trained on: scenes
+whose family was trained on and scenes whose family was not are reported apart.
 """
 
 from __future__ import annotations
@@ -120,9 +120,11 @@ def _rates(points: list[dict[str, Any]]) -> dict[str, Any]:
     successes = sum(round(p["success_rate"] * p["rollouts"]) for p in points)
     low, high = success_interval(successes, trials)
     return {
-        "scenes": len(points), "rollouts": trials, "success_rate": successes / max(1, trials),
+        "scenes": len(points),
+        "rollouts": trials,
+        "success_rate": successes / max(1, trials),
         "success_interval_95": [round(low, 4), round(high, 4)],
         "mean_distance_m": sum(p["mean_distance_m"] * p["rollouts"] for p in points) / max(1, trials),
         "mean_similarity": sum(p["similarity"] for p in points) / max(1, len(points)),
         "families": sorted({p["family"] for p in points if p["family"] is not None}),
-    }  # fmt: skip
+    }

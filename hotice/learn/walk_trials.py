@@ -1,6 +1,8 @@
-"""Trials of the walking baseline (`hotice.control.walk`), scored as policies are: same objects, starts, geometry and rules.
+"""Trials of the walking baseline (`hotice.control.walk`), scored as policies are: same objects, starts, geometry and
+rules.
 
-The baseline is driven by torques and planned anew for each trial, so trials run one after another, not as a batch. Results are
+The baseline is driven by torques and planned anew for each trial, so trials run one after another, not as a batch.
+Results are
 rounded: in the last bits the sums of its QP solver depend on where their memory lies, 1e-14 N m of the first torques.
 """
 
@@ -43,7 +45,9 @@ FASTEST = 1e3
 
 @dataclass(frozen=True)
 class Trial:
-    """Outcome, its time [s], root to goal then and at 5 s [m], faults and step time of the controller, planned clearance [m]."""
+    """Outcome, its time [s], root to goal then and at 5 s [m], faults and step time of the controller, planned
+    clearance [m].
+    """
 
     outcome: str
     time_s: float
@@ -61,10 +65,18 @@ class Trial:
 
 
 def score_walks(
-    config: WalkConfig, scene: Scene, states: Sequence[CarryState], seed: int, conditions: Conditions, *, first: int = 0,
-    judges: Sequence[str] = REFEREES, on_trials: Callable[[int], None] | None = None,
-) -> Trials:  # fmt: skip
-    """A walk in trials `first` .. `first + len(states)` of a scene, see `start_trials`, looked at as often as a policy's.
+    config: WalkConfig,
+    scene: Scene,
+    states: Sequence[CarryState],
+    seed: int,
+    conditions: Conditions,
+    *,
+    first: int = 0,
+    judges: Sequence[str] = REFEREES,
+    on_trials: Callable[[int], None] | None = None,
+) -> Trials:
+    """A walk in trials `first` .. `first + len(states)` of a scene, see `start_trials`, looked at as often as a
+    policy's.
 
     Every other one starts with the right foot. `judges`: referees. `on_trials(1)` is called after each.
     """
@@ -98,9 +110,15 @@ def _score(
             away = round(goal_distance(plant, scene), 6)
             lost = ("no_plan",)
             return Trials(
-                outcome=lost, distance_m=(away,), time_s=(0.0,), distance_at_limit_m=(away,), standing=(False,),
-                stayed=(False,), points=lost if "points" in judges else (), self_depth_m=(0.0,),
-            )  # fmt: skip
+                outcome=lost,
+                distance_m=(away,),
+                time_s=(0.0,),
+                distance_at_limit_m=(away,),
+                standing=(False,),
+                stayed=(False,),
+                points=lost if "points" in judges else (),
+                self_depth_m=(0.0,),
+            )
         while log.running.any():
             run.look()
             if (run.distance_m < GOAL_M and not log.arrived_at.any()) or len(log.steps) + 1 >= limit:
@@ -122,9 +140,13 @@ def _signals(run: Walk, state: CarryState, log: TrialLog) -> Signals:
         gaps = log.gaps(torch.from_numpy(body[None]), torch.from_numpy(corners[None]))
     return Signals(
         **{name: np.array([failed == name]) for name in ("fall", "drop", "unstable")},
-        robot_hit=run.touched[:1].copy(), object_hit=run.touched[1:].copy(), robot_gap_m=gaps[0], object_gap_m=gaps[1],
-        goal_m=np.array([run.distance_m]), self_depth_m=np.maximum(0.0, -data.sensor(builder.SELF_SENSOR).data),
-    )  # fmt: skip
+        robot_hit=run.touched[:1].copy(),
+        object_hit=run.touched[1:].copy(),
+        robot_gap_m=gaps[0],
+        object_gap_m=gaps[1],
+        goal_m=np.array([run.distance_m]),
+        self_depth_m=np.maximum(0.0, -data.sensor(builder.SELF_SENSOR).data),
+    )
 
 
 @lru_cache(maxsize=1)
@@ -134,16 +156,25 @@ def _fields(scene: Scene, resolution_m: float, margin_m: float) -> HodPf:
 
 
 class Walk:
-    """A walk under way, looked at every `look_s`, at most once a control step. Raises `UnreachableGoal`, `CarryInfeasible`.
+    """A walk under way, looked at every `look_s`, at most once a control step. Raises `UnreachableGoal`,
+    `CarryInfeasible`.
 
     touched: whether robot and object have touched an obstacle in any physics step since the look before, (2,) bool.
     distance_m: root to goal, the last that was a number. faults, step_ms: of the controller. clearance_m: planned.
     """
 
     def __init__(
-        self, plant: TorquePlant, scene: Scene, pf: HodPf, state: CarryState, config: WalkConfig, *,
-        first_foot: int = 0, look_s: float = 0.0, log: list | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        plant: TorquePlant,
+        scene: Scene,
+        pf: HodPf,
+        state: CarryState,
+        config: WalkConfig,
+        *,
+        first_foot: int = 0,
+        look_s: float = 0.0,
+        log: list | None = None,
+    ) -> None:
         from hotice.control.walk import WalkController, plan_walk
 
         measurement = plant.measure()
@@ -203,9 +234,18 @@ class Walk:
 
 
 def run_trial(
-    plant: TorquePlant, scene: Scene, pf: HodPf, state: CarryState, config: WalkConfig, horizon_s: float, *,
-    first_foot: int = 0, stay_s: float = 0.0, look_s: float = 0.0, log: list | None = None,
-) -> Trial:  # fmt: skip
+    plant: TorquePlant,
+    scene: Scene,
+    pf: HodPf,
+    state: CarryState,
+    config: WalkConfig,
+    horizon_s: float,
+    *,
+    first_foot: int = 0,
+    stay_s: float = 0.0,
+    look_s: float = 0.0,
+    log: list | None = None,
+) -> Trial:
     """One trial; it ends at success (after `stay_s` more without failure), failure or the horizon.
 
     Args:
@@ -256,7 +296,9 @@ def ankles(plant: TorquePlant) -> tuple[float, float, float]:
 
 
 def failure(plant: TorquePlant, hands: list[int]) -> str | None:
-    """A diverged state, fall or drop, by the conditions of the task (`hotice.sim.terminations`); `hands`: ids of the sites."""
+    """A diverged state, fall or drop, by the conditions of the task (`hotice.sim.terminations`); `hands`: ids of the
+    sites.
+    """
     data = plant.data
     if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all() and np.abs(data.qvel).max() <= FASTEST):
         return "unstable"

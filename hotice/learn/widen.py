@@ -24,7 +24,9 @@ def columns_within(old: Layout, new: Layout) -> Tensor | None:
 
 
 def alike(layout: Layout) -> Tensor:
-    """For each column (D,) the one whose values it takes a little later: of the history, the row of this instant; else itself."""
+    """For each column (D,) the one whose values it takes a little later: of the history, the row of this instant; else
+    itself.
+    """
     index, starts, at = [], {}, 0
     for name, width in layout:
         starts[name] = at
@@ -39,9 +41,9 @@ def alike(layout: Layout) -> Tensor:
 def widen(tensors: dict[str, Tensor], old: Layout, new: Layout, norm: str, net: str) -> dict[str, Tensor]:
     """Tensors of a checkpoint for the observation `new`; the same where that does not hold all rows of the `old` one.
 
-    First layers and their optimiser moments get zeros for the new inputs, so what the networks compute does not change. The
-    normaliser gets mean 0 and variance 1, for a history those of the rows that it repeats. `norm`: the normaliser's name;
-    `net`: of the part that reads it, actor or critic.
+    First layers and their optimiser moments get zeros for the new inputs, so what the networks compute does not change.
+    The normaliser gets mean 0 and variance 1, for a history those of the rows that it repeats. `norm`: the normaliser's
+    name; `net`: of the part that reads it, actor or critic.
     """
     columns, size = columns_within(old, new), sum(width for _, width in new)
     if columns is None or len(columns) == size:

@@ -4,6 +4,14 @@ from hotice.model.objects import Box, CarriedObject, Cylinder, Sphere, object_fr
 from hotice.model.scene import Obstacle, Scene, load_scene, load_scenes, shipped_scenes
 
 __all__ = [
-    "Box", "CarriedObject", "Cylinder", "Obstacle", "Scene", "Sphere",
-    "load_scene", "load_scenes", "object_from_dict", "shipped_scenes",
-]  # fmt: skip
+    "Box",
+    "CarriedObject",
+    "Cylinder",
+    "Obstacle",
+    "Scene",
+    "Sphere",
+    "load_scene",
+    "load_scenes",
+    "object_from_dict",
+    "shipped_scenes",
+]

@@ -1,9 +1,10 @@
 """One builder for every simulator: the robot, what it carries and what stands in its way.
 
 `build_model` compiles for MuJoCo, `pinocchio_model` and `add_to_plant` give the same robot to Pinocchio and Drake.
-Contact bits: 1 floor, 2 carried object, 4 obstacles. The floor meets soles, every other link and the object, the object meets
-palms, trunk and thighs, obstacles meet every link and the object; links meet each other by the pairs of `self_contact`.
-Friction is not combined: the geom of higher priority has it, palms 2, soles and object 1, everything else 0.
+Contact bits: 1 floor, 2 carried object, 4 obstacles. The floor meets soles, every other link and the object, the object
+meets palms, trunk and thighs, obstacles meet every link and the object; links meet each other by the pairs of
+`self_contact`. Friction is not combined: the geom of higher priority has it, palms 2, soles and object 1, everything
+else 0.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ MAX_MESH_FACES = 4000
 def robot_spec(joints: Literal[20, 29] = 20, wrist_pos: ArrayLike | None = None) -> mujoco.MjSpec:
     """The robot alone: 29 joints, or 20 with waist and wrists welded; actuators are position servos.
 
-    The servo law is τ = kp (ctrl − q) − kd q̇, cut at the torque limit of the description. `wrist_pos` (6,) [rad], in the
-    order of `g1.WRIST_JOINTS`, are the angles at which the wrists of the 20-joint robot are welded (default zero).
+    The servo law is τ = kp (ctrl − q) − kd q̇, cut at the torque limit of the description. `wrist_pos` (6,) [rad], in
+    the order of `g1.WRIST_JOINTS`, are the angles at which the wrists of the 20-joint robot are welded (default zero).
     """
     if joints not in (20, 29):
         raise InvalidConfig(f"robot with {joints!r} joints: allowed are 20 (waist and wrists locked) and 29 (all)")
@@ -89,8 +90,8 @@ def build_model(
     """Compiles robot, floor, carried object and obstacles for MuJoCo.
 
     With object and scene, contact sensors `robot_hits` and `object_hits` count the contacts of robot and object with
-    obstacles, which exact collision scoring reads; `self_contact` is the signed distance of the deepest contact within the
-    robot, 0 where there is none.
+    obstacles, which exact collision scoring reads; `self_contact` is the signed distance of the deepest contact within
+    the robot, 0 where there is none.
 
     Args:
         carried: adds body `object` with a free joint, after the robot in qpos and qvel.
@@ -105,7 +106,8 @@ def build_model(
     """
     spec = robot_spec(joints, wrist_pos)
     spec.option.timestep = timestep_s
-    # robot and object are one island; a contact moves one limb: sparse Jacobians take a quarter less time with elliptic cones
+    # robot and object are one island; a contact moves one limb: sparse Jacobians take a quarter less time with elliptic
+    # cones
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     if elliptic:
@@ -115,9 +117,15 @@ def build_model(
         spec.delete(spec.joint("floating_base"))
     if floor:
         spec.worldbody.add_geom(
-            name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=FLOOR, conaffinity=0, group=1,
-            friction=[1.0, 0.005, 0.0001], rgba=[0.9, 0.9, 0.88, 1],
-        )  # fmt: skip
+            name="floor",
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=[0, 0, 1],
+            contype=FLOOR,
+            conaffinity=0,
+            group=1,
+            friction=[1.0, 0.005, 0.0001],
+            rgba=[0.9, 0.9, 0.88, 1],
+        )
     if carried is not None:
         add_object(spec, carried, object_shapes)
     if scene is not None:
@@ -130,8 +138,9 @@ def build_model(
 def add_object(spec: mujoco.MjSpec, carried: CarriedObject, shapes: Sequence[str] = ()) -> None:
     """Adds the carried object as a free body named `object` with one geom of the same name.
 
-    With `shapes` it has a geom `object_<shape>` of each; all but its own are points at its centre, which nothing touches.
-    Models of different shapes then have one layout, where a simulator holds the shapes once for all environments.
+    With `shapes` it has a geom `object_<shape>` of each; all but its own are points at its centre, which nothing
+    touches. Models of different shapes then have one layout, where a simulator holds the shapes once for all
+    environments.
     """
     own, size = carried.mujoco_geom()
     if shapes and own not in shapes:
@@ -143,9 +152,15 @@ def add_object(spec: mujoco.MjSpec, carried: CarriedObject, shapes: Sequence[str
             name=f"{OBJECT_BODY}_{kind}" if shapes else OBJECT_BODY,
             type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"),
             size=[*size, 0, 0][:3] if kind == own else [POINT_M] * 3,
-            contype=OBJECT, conaffinity=FLOOR | OBSTACLE, condim=3, friction=[0.8, 0.005, 0.0001], priority=1, group=2,
-            rgba=[0.80, 0.60, 0.35, 1], mass=0,
-        )  # fmt: skip
+            contype=OBJECT,
+            conaffinity=FLOOR | OBSTACLE,
+            condim=3,
+            friction=[0.8, 0.005, 0.0001],
+            priority=1,
+            group=2,
+            rgba=[0.80, 0.60, 0.35, 1],
+            mass=0,
+        )
     body.explicitinertial = True
     body.mass = carried.mass_kg
     body.inertia = carried.inertia_diag_kgm2
@@ -156,17 +171,23 @@ def add_object(spec: mujoco.MjSpec, carried: CarriedObject, shapes: Sequence[str
 def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Adds every obstacle of the scene as static geoms.
 
-    They belong to the static body `obstacles`. A triangle mesh becomes one thin prism (1 mm) per face, because MuJoCo would
-    replace the mesh by its convex hull: what lies in a hollow of the mesh must not count as a collision. A body that is
-    inside solid mesh from the start, without crossing its surface, makes no contact.
+    They belong to the static body `obstacles`. A triangle mesh becomes one thin prism (1 mm) per face, because MuJoCo
+    would replace the mesh by its convex hull: what lies in a hollow of the mesh must not count as a collision. A body
+    that is inside solid mesh from the start, without crossing its surface, makes no contact.
     """
     body = spec.worldbody.add_body(name=OBSTACLE_BODY)
     for obstacle in scene.obstacles:
         kind, size = obstacle.shape.mujoco_geom() if obstacle.shape.type != "mesh" else ("mesh", ())
         common = dict(
-            pos=list(obstacle.position_m), quat=list(obstacle.quaternion_wxyz), contype=OBSTACLE, conaffinity=0,
-            condim=3, friction=[0.6, 0.005, 0.0001], group=0, rgba=[0.55, 0.62, 0.70, 1],
-        )  # fmt: skip
+            pos=list(obstacle.position_m),
+            quat=list(obstacle.quaternion_wxyz),
+            contype=OBSTACLE,
+            conaffinity=0,
+            condim=3,
+            friction=[0.6, 0.005, 0.0001],
+            group=0,
+            rgba=[0.55, 0.62, 0.70, 1],
+        )
         name = OBSTACLE_PREFIX + obstacle.name
         if kind != "mesh":
             body.add_geom(

@@ -46,9 +46,8 @@ class Tree(NamedTuple):
             nodes.append(moved)
             roots.append(roots[-1] + len(moved))
             triangles += len(tree.triangles)
-        return cls(np.concatenate([np.empty((0, 3, 3)), *(t.triangles for t in trees)]), np.concatenate(nodes)), roots[
-            :-1
-        ]
+        corners = np.concatenate([np.empty((0, 3, 3)), *(t.triangles for t in trees)])
+        return cls(corners, np.concatenate(nodes)), roots[:-1]
 
 
 @compiled(nogil=True)

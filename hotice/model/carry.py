@@ -1,8 +1,8 @@
 """Carry states: a robot that already holds an object and goes on holding it.
 
-Inverse kinematics puts both palms on the object and the feet under the common centre of mass; static torques of gravity,
-ground reaction and grasp give servo targets q* = q + τ/kp, so that the zero action holds the load (the servo of a joint
-that carries torque τ must be commanded past its angle). Training and evaluation start from carry states.
+Inverse kinematics puts both palms on the object and the feet under the common centre of mass; static torques of
+gravity, ground reaction and grasp give servo targets q* = q + τ/kp, so that the zero action holds the load (the servo
+of a joint that carries torque τ must be commanded past its angle). Training and evaluation start from carry states.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ GRIP_MARGIN = 1.3
 """How much more than its weight the palms' friction must be able to carry."""
 ELBOW_WEIGHT = 30.0
 ELBOWS_OUT_M = (0.0, 0.15)
-"""From the middle to each elbow at least, tried in turn: anywhere; a centimetre more than half the chest and the forearm take."""
+"""From the middle to each elbow at least, tried in turn: anywhere; a centimetre more than half the chest and the
+forearm take."""
 MAX_INSIDE_M = 0.0005
 
 
@@ -235,7 +236,9 @@ def _solve_arms(
 
 
 def _solve_legs(kin: _Kinematics, posture: Posture, carried: CarriedObject | None, object_pos: NDArray) -> None:
-    """Hip pitch, knee and ankle pitch such that the soles are level at the wished depth and under the centre of mass."""
+    """Hip pitch, knee and ankle pitch such that the soles are level at the wished depth and under the centre of
+    mass.
+    """
     joints = {s: [f"{s}_{k}_joint" for k in ("hip_pitch", "knee", "ankle_pitch")] for s in g1.SIDES}
     index = {s: [g1.ACTION_JOINTS.index(j) for j in joints[s]] for s in g1.SIDES}
     left = [kin.joint_id[j] for j in joints["left"]]
@@ -309,7 +312,8 @@ def solve_carry(
         grasp_height_m: of the palms above the object's centre.
 
     Raises:
-        CarryInfeasible: the object is too wide, too deep or too heavy for the arms, or the posture has no stance; says why.
+        CarryInfeasible: the object is too wide, too deep or too heavy for the arms, or the posture has no stance; says
+            why.
     """
     posture = posture or Posture()
     weight = carried.mass_kg * GRAVITY
@@ -361,9 +365,14 @@ def _solve_grasp(kin: _Kinematics, posture: Posture, carried: CarriedObject, gra
 
 
 def carry_state_at(
-    carried: CarriedObject, joint_pos: NDArray, wrist_pos: NDArray, object_pos_P: NDArray, *, lean_rad: float = 0.0,
+    carried: CarriedObject,
+    joint_pos: NDArray,
+    wrist_pos: NDArray,
+    object_pos_P: NDArray,
+    *,
+    lean_rad: float = 0.0,
     squeeze_n: float,
-) -> CarryState:  # fmt: skip
+) -> CarryState:
     """The carry state of a robot that holds an object in a given way, found otherwise than by `solve_carry`.
 
     Args:
@@ -387,8 +396,15 @@ def _at_rest(
     soles = kin.data.geom_xpos[[i for ids in kin.sole_id.values() for i in ids]]
     root = np.array([-soles[:, 0].mean(), 0.0, 0.005 - soles[:, 2].min()])
     return CarryState(
-        carried=carried, posture=posture, joint_pos=kin.q.copy(), wrist_pos=kin.wrist.copy(),
-        joint_target=kin.q + torque / kp, torque=torque,
-        root_pos_W=root, quat_WP=np.asarray(kin.quat_WP), object_pos_W=object_pos + root,
-        quat_WO=np.array([1.0, 0.0, 0.0, 0.0]), squeeze_n=squeeze_n,
-    )  # fmt: skip
+        carried=carried,
+        posture=posture,
+        joint_pos=kin.q.copy(),
+        wrist_pos=kin.wrist.copy(),
+        joint_target=kin.q + torque / kp,
+        torque=torque,
+        root_pos_W=root,
+        quat_WP=np.asarray(kin.quat_WP),
+        object_pos_W=object_pos + root,
+        quat_WO=np.array([1.0, 0.0, 0.0, 0.0]),
+        squeeze_n=squeeze_n,
+    )

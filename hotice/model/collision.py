@@ -1,8 +1,8 @@
 """Exact distances between robot, carried object and obstacles, by Pinocchio and coal.
 
-Where `CollisionReport.distance` is positive it is the gap, where negative the penetration depth: the shortest translation
-that parts the two. A mesh is its surface: a geometry that pokes through it has the depth of the deepest triangle, and one
-wholly inside gets minus its distance to the surface, which is less than what would part them.
+Where `CollisionReport.distance` is positive it is the gap, where negative the penetration depth: the shortest
+translation that parts the two. A mesh is its surface: a geometry that pokes through it has the depth of the deepest
+triangle, and one wholly inside gets minus its distance to the surface, which is less than what would part them.
 """
 
 from __future__ import annotations
@@ -91,7 +91,8 @@ class CollisionReport:
     def jacobian(self, rows: Rows | None = None) -> Array:
         """d(distance)/dv of the given rows (default all), (R, nv).
 
-        v: twist of the pelvis in its own frame (linear, angular), the 20 or 29 joints, twist of the object in its frame.
+        v: twist of the pelvis in its own frame (linear, angular), the 20 or 29 joints, twist of the object in its
+            frame.
         """
         rows = np.arange(len(self.distance)) if rows is None else np.asarray(rows)
         return self.checker._jacobian(self.state, rows, self.p_WA[rows], self.normal_W[rows])
@@ -111,13 +112,14 @@ class CollisionReport:
 class CollisionChecker:
     """Every geometry of the robot against object, obstacles and itself.
 
-    Links that share a joint, and links two joints apart that touch at zero angles (as in an ankle), are no pair. Working
-    memory is shared by all queries: use one checker per thread.
+    Links that share a joint, and links two joints apart that touch at zero angles (as in an ankle), are no pair.
+    Working memory is shared by all queries: use one checker per thread.
 
     Args:
         scene: obstacles, if any. carried: the object, if any.
         joints: 20 (waist and wrists locked) or 29; decides self-collision pairs and the columns of Jacobians.
-        kinds: of pairs to test, of `collision_geometry.KINDS`; by default all but `grasp`, the contact of hands and object.
+        kinds: of pairs to test, of `collision_geometry.KINDS`; by default all but `grasp`, the contact of hands and
+            object.
 
     Raises:
         UnknownName: a kind that does not exist.
@@ -125,9 +127,12 @@ class CollisionChecker:
     """
 
     def __init__(
-        self, scene: Scene | None = None, carried: CarriedObject | None = None, joints: int = 20,
+        self,
+        scene: Scene | None = None,
+        carried: CarriedObject | None = None,
+        joints: int = 20,
         kinds: Collection[str] = tuple(k for k in KINDS if k != GRASP),
-    ) -> None:  # fmt: skip
+    ) -> None:
         for kind in kinds:
             if kind not in KINDS:
                 raise UnknownName("kind of pairs", kind, KINDS)
@@ -193,7 +198,9 @@ class CollisionChecker:
         return p_WA, p_WB, normal
 
     def _jacobian(self, state: RobotState, rows: Rows, p_WA: Array, normal_W: Array) -> Array:
-        """The distance grows by n · (v_B − v_A); both witness points lie on one line along n, so one arm serves both."""
+        """The distance grows by n · (v_B − v_A); both witness points lie on one line along n, so one arm serves
+        both.
+        """
         self._kinematics.update(state)
         wrench = np.concatenate([normal_W, np.cross(p_WA, normal_W)], axis=1)
         joint, support = self._joint[rows], self._kinematics.support

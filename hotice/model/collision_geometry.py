@@ -1,4 +1,5 @@
-"""What can collide, and with what: geometries of robot, object and obstacles for coal, and the pairs worth asking about.
+"""What can collide, and with what: geometries of robot, object and obstacles for coal, and the pairs worth asking
+about.
 
 The robot's primitives are read from the model that MuJoCo compiles, so both test the same shapes.
 """
@@ -29,16 +30,19 @@ KINDS = (ROBOT_OBSTACLE, OBJECT_OBSTACLE, ROBOT_OBJECT, GRASP, SELF)
 """Kinds of pairs. `grasp`: hands (wrist yaw links, palms) and object, which are meant to touch."""
 HAND_LINKS = tuple(f"{side}_wrist_yaw_link" for side in g1.SIDES)
 _NAMES = {
-    mujoco.mjtGeom.mjGEOM_BOX: "box", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
-    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere", mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
-}  # fmt: skip
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class RobotGeom:
     """A primitive of the robot: its MuJoCo type and size, pose in its link (wxyz), and what the link moves with.
 
-    `groups`: the rigid group of its link (links that cannot move against each other), and the next two towards the pelvis.
+    `groups`: the rigid group of its link (links that cannot move against each other), and the next two towards the
+    pelvis.
     """
 
     name: str
@@ -66,11 +70,15 @@ def robot_geoms(joints: int) -> list[RobotGeom]:
             groups.append(int(model.body_weldid[model.body_parentid[groups[-1]]]))
         geoms.append(
             RobotGeom(
-                name=model.geom(i).name, link=model.body(body).name, kind=_NAMES[int(model.geom_type[i])],
-                size=tuple(model.geom_size[i]), position=model.geom_pos[i].copy(), quat=model.geom_quat[i].copy(),
+                name=model.geom(i).name,
+                link=model.body(body).name,
+                kind=_NAMES[int(model.geom_type[i])],
+                size=tuple(model.geom_size[i]),
+                position=model.geom_pos[i].copy(),
+                quat=model.geom_quat[i].copy(),
                 groups=(groups[0], groups[1], groups[2]),
             )
-        )  # fmt: skip
+        )
     return geoms
 
 

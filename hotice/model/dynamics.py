@@ -1,7 +1,7 @@
 """Domain randomisation: robots whose gains, friction, inertia, masses and motors differ from the description.
 
-A model is perturbed once, when the bank of carry states is compiled: environments that share a model share its robot, and
-a bank of many states is a population of robots. Nothing here knows which simulator runs.
+A model is perturbed once, when the bank of carry states is compiled: environments that share a model share its robot,
+and a bank of many states is a population of robots. Nothing here knows which simulator runs.
 """
 
 from __future__ import annotations
@@ -37,16 +37,19 @@ def _check_range(name: str, value: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicsConfig:
-    """Uniform spread of parameters: a share around the nominal value, or a range in the unit named. Zero or None: nominal.
+    """Uniform spread of parameters: a share around the nominal value, or a range in the unit named. Zero or None:
+    nominal.
 
-    What is drawn is what forces, weights and contacts are made of: `tests/sim/test_dynamics_felt.py`, `test_friction.py`.
-    Frictions are what contacts feel: the geom of higher priority decides alone (`hotice.model.builder`), so nothing is combined.
+    What is drawn is what forces, weights and contacts are made of: `tests/sim/test_dynamics_felt.py`,
+    `test_friction.py`. Frictions are what contacts feel: the geom of higher priority decides alone
+    (`hotice.model.builder`), so nothing is combined.
     """
 
     gain: float = 0.0
     """Proportional and derivative gains, each joint and gain on its own (CAT: ± 0.25)."""
     friction_loss_nm: float = 0.0
-    """Largest dry friction of a joint [N m], drawn from 0 on (ours: 0.2; CAT scales one that our description lacks by ± 0.1)."""
+    """Largest dry friction of a joint [N m], drawn from 0 on (ours: 0.2; CAT scales one that our description lacks by ±
+    0.1)."""
     armature: float = 0.0
     """Armature of each joint, only upwards (CAT: + 0.05)."""
     mass: float = 0.0
@@ -62,9 +65,11 @@ class DynamicsConfig:
     sole_friction: tuple[float, float] | None = None
     """Range of the friction between a foot and the floor, one draw for each foot (None: 1.0)."""
     palm_friction: tuple[float, float] | None = None
-    """Range of the friction between palms and object, one draw for both palms (None: 2.0; the first author's fork: 2.0)."""
+    """Range of the friction between palms and object, one draw for both palms (None: 2.0; the first author's fork:
+    2.0)."""
     object_friction: tuple[float, float] | None = None
-    """Range of the friction between the object and everything but palms: trunk, thighs, floor, obstacles (None: 0.8)."""
+    """Range of the friction between the object and everything but palms: trunk, thighs, floor, obstacles (None:
+    0.8)."""
     payload: float = 0.0
     """Mass and inertia of the carried object beside what the carry state assumes, as a share of it (ours: ± 0.1)."""
 
@@ -72,9 +77,8 @@ class DynamicsConfig:
         for name, value in vars(self).items():
             if name in FRICTIONS:
                 _check_range(name, value)
-                object.__setattr__(
-                    self, name, value if value is None else tuple(float(v) for v in value)
-                )  # of a file: a list
+                # of a file: a list
+                object.__setattr__(self, name, value if value is None else tuple(float(v) for v in value))
             elif not (np.isfinite(value) and value >= 0):
                 raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
         for name in ("gain", "mass", "motor_strength", "payload"):
@@ -88,22 +92,32 @@ class DynamicsConfig:
 
 
 ROBOT_DYNAMICS = DynamicsConfig(
-    gain=0.25, friction_loss_nm=0.2, armature=0.05, mass=0.1, torso_mass_kg=1.0, torso_com_m=0.1, motor_strength=0.1,
-    joint_offset_rad=0.01, sole_friction=(0.5, 1.2), palm_friction=(0.6, 1.2), object_friction=(0.64, 0.96), payload=0.1,
-)  # fmt: skip
-"""Of the protocol `robot`, for physics that does not creep: rubber palms on cardboard or plastic, shoes on any floor."""
+    gain=0.25,
+    friction_loss_nm=0.2,
+    armature=0.05,
+    mass=0.1,
+    torso_mass_kg=1.0,
+    torso_com_m=0.1,
+    motor_strength=0.1,
+    joint_offset_rad=0.01,
+    sole_friction=(0.5, 1.2),
+    palm_friction=(0.6, 1.2),
+    object_friction=(0.64, 0.96),
+    payload=0.1,
+)
+"""Of the protocol `robot`, for physics that does not creep: rubber palms on cardboard or plastic, shoes on any
+floor."""
 
 ROBOT_NOMINAL = DynamicsConfig(sole_friction=(0.85, 0.85), palm_friction=(0.9, 0.9))
 """The middle of `ROBOT_DYNAMICS`."""
 
-PAPER_DYNAMICS = replace(
-    ROBOT_DYNAMICS, torso_com_m=0.05, sole_friction=(0.8, 1.2), palm_friction=(2.0, 2.0)
-)  # fmt: skip
+PAPER_DYNAMICS = replace(ROBOT_DYNAMICS, torso_com_m=0.05, sole_friction=(0.8, 1.2), palm_friction=(2.0, 2.0))
 """Of the protocol `paper`: palms as in the first author's public fork."""
 
 TRAINING_PALMS = {0.005: (1.7, 2.4), 0.010: (2.3, 3.0)}
-"""By physics step [s], the friction with which pyramids creep as much as elliptic cones at 2 ms do with 0.6 and upwards: from
-some 0.75 on no friction makes the coarse physics creep as little. Measured by `benchmarks.friction`, see docs/contacts.md."""
+"""By physics step [s], the friction with which pyramids creep as much as elliptic cones at 2 ms do with 0.6 and
+upwards: from some 0.75 on no friction makes the coarse physics creep as little. Measured by `benchmarks.friction`, see
+    docs/contacts.md."""
 
 
 def student_dynamics(physics_dt_s: float) -> DynamicsConfig:
@@ -165,9 +179,7 @@ def friction_groups(model: mujoco.MjModel) -> list[tuple[str, list[int]]]:
     soles = [[i for i, n in enumerate(names) if n.startswith(f"{side}_sole_")] for side in g1.SIDES]
     palms = [i for i, n in enumerate(names) if "_palm_" in n]
     carried = [i for i, n in enumerate(names) if n.split("_")[0] == builder.OBJECT_BODY]
-    return [
-        *(("sole_friction", geoms) for geoms in soles), ("palm_friction", palms), ("object_friction", carried)
-    ]  # fmt: skip
+    return [*(("sole_friction", geoms) for geoms in soles), ("palm_friction", palms), ("object_friction", carried)]
 
 
 def joint_offset(model: mujoco.MjModel) -> np.ndarray:

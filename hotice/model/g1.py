@@ -43,12 +43,23 @@ WRIST_AXES = {"wrist_roll": (1.0, 0.0, 0.0), "wrist_pitch": (0.0, 1.0, 0.0), "wr
 
 # servo gains by the end of the joint name: kp [N m/rad], kd [N m s/rad]
 _GAINS = {
-    "hip_pitch": (100.0, 2.0), "hip_roll": (100.0, 2.0), "hip_yaw": (100.0, 2.0), "knee": (200.0, 4.0),
-    "ankle_pitch": (80.0, 2.0), "ankle_roll": (20.0, 1.0),
-    "shoulder_pitch": (90.0, 2.0), "shoulder_roll": (60.0, 2.0), "shoulder_yaw": (20.0, 1.0), "elbow": (60.0, 1.0),
-    "waist_yaw": (400.0, 5.0), "waist_roll": (400.0, 5.0), "waist_pitch": (400.0, 5.0),
-    "wrist_roll": (60.0, 1.0), "wrist_pitch": (60.0, 1.0), "wrist_yaw": (60.0, 1.0),
-}  # fmt: skip
+    "hip_pitch": (100.0, 2.0),
+    "hip_roll": (100.0, 2.0),
+    "hip_yaw": (100.0, 2.0),
+    "knee": (200.0, 4.0),
+    "ankle_pitch": (80.0, 2.0),
+    "ankle_roll": (20.0, 1.0),
+    "shoulder_pitch": (90.0, 2.0),
+    "shoulder_roll": (60.0, 2.0),
+    "shoulder_yaw": (20.0, 1.0),
+    "elbow": (60.0, 1.0),
+    "waist_yaw": (400.0, 5.0),
+    "waist_roll": (400.0, 5.0),
+    "waist_pitch": (400.0, 5.0),
+    "wrist_roll": (60.0, 1.0),
+    "wrist_pitch": (60.0, 1.0),
+    "wrist_yaw": (60.0, 1.0),
+}
 
 SGF_KEYPOINTS = (
     "head",

@@ -1,7 +1,7 @@
 """The proprioceptive history: what a policy may also read of the control steps before.
 
-One instant does not show how late measurements and motors are, how strong the motors, how heavy the object or how fast the
-robot moves over the floor; a few of them do. Torch-free: training and deployment keep the same numbers.
+One instant does not show how late measurements and motors are, how strong the motors, how heavy the object or how fast
+the robot moves over the floor; a few of them do. Torch-free: training and deployment keep the same numbers.
 """
 
 from __future__ import annotations

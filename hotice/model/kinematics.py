@@ -1,6 +1,7 @@
 """Robot and object as one Pinocchio model: where points of its bodies are and how they move with v.
 
-v is Pinocchio's: twist of the pelvis in its own frame (linear, angular), joints, then the twist of the object in its frame.
+v is Pinocchio's: twist of the pelvis in its own frame (linear, angular), joints, then the twist of the object in its
+frame.
 """
 
 from __future__ import annotations

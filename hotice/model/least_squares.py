@@ -1,4 +1,6 @@
-"""Small bounded least-squares problems, solved fast: Levenberg-Marquardt steps on the variables that are free to move."""
+"""Small bounded least-squares problems, solved fast: Levenberg-Marquardt steps on the variables that are free to
+move.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,8 @@ def minimize(
 ) -> NDArray[np.float64]:
     """A local minimum of |r(x)|² within bounds, (n,); `start` is moved into the bounds first.
 
-    A variable at a bound rests while the gradient pushes it outwards; the others take a damped Gauss-Newton step, cut at
-    the bounds. Ends when no variable moved by more than `step_tolerance`, no step descends, or after `max_steps`.
+    A variable at a bound rests while the gradient pushes it outwards; the others take a damped Gauss-Newton step, cut
+    at the bounds. Ends when no variable moved by more than `step_tolerance`, no step descends, or after `max_steps`.
     Method: Nocedal and Wright, Numerical Optimization, 10.3 and 16.7.
     """
     lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)

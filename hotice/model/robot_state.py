@@ -80,9 +80,13 @@ class RobotState:
 
     @classmethod
     def from_mujoco(
-        cls, qpos: ArrayLike, qvel: ArrayLike | None = None, *, carried: CarriedObject | None = None,
+        cls,
+        qpos: ArrayLike,
+        qvel: ArrayLike | None = None,
+        *,
+        carried: CarriedObject | None = None,
         wrist_pos: ArrayLike | None = None,
-    ) -> RobotState:  # fmt: skip
+    ) -> RobotState:
         """State of a model of `builder.build_model`, with 20 or 29 joints, with or without object.
 
         Args:

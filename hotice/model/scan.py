@@ -1,8 +1,8 @@
 """The local obstacle scan: where a policy may look for obstacles beside its keypoints.
 
-The fields tell which way to go and how near the nearest obstacle is; where a foot may land, and how low a beam is, they show
-only once it is within d0. The scan reads the signed distance at fixed points ahead: on two heights along the way of each
-foot, and on three before the upper body. Torch-free: training and deployment read the same numbers.
+The fields tell which way to go and how near the nearest obstacle is; where a foot may land, and how low a beam is, they
+show only once it is within d0. The scan reads the signed distance at fixed points ahead: on two heights along the way
+of each foot, and on three before the upper body. Torch-free: training and deployment read the same numbers.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Scenes: bounds, start, goal and obstacles, and the file format hotice-scene/1.
 
 World frame W: z up, floor at z = 0. The floor is not an obstacle. A scene that exists is valid: the constructor checks
-everything that the file reader checks, each failure being one line of `InvalidScene`. An optional `source` says which map
-the scene was cut from, and where that map lies in W; files without it stay as they are.
+everything that the file reader checks, each failure being one line of `InvalidScene`. An optional `source` says which
+map the scene was cut from, and where that map lies in W; files without it stay as they are.
 """
 
 from __future__ import annotations
@@ -81,9 +81,12 @@ class Obstacle:
     def to_dict(self) -> dict[str, Any]:
         """The obstacle's entry in a scene file."""
         return {
-            "name": self.name, "category": self.category, "shape": self.shape.to_dict(),
-            "position_m": list(self.position_m), "quaternion_wxyz": list(self.quaternion_wxyz),
-        }  # fmt: skip
+            "name": self.name,
+            "category": self.category,
+            "shape": self.shape.to_dict(),
+            "position_m": list(self.position_m),
+            "quaternion_wxyz": list(self.quaternion_wxyz),
+        }
 
 
 @dataclass(frozen=True)
@@ -228,7 +231,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 
 def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
-    """Scenes by name, set, file or folder (every .json in it, sorted). Raises as `load_scene`, also for an empty folder."""
+    """Scenes by name, set, file or folder (every .json in it, sorted). Raises as `load_scene`, also for an empty
+    folder.
+    """
     scenes: list[Scene] = []
     for item in items:
         names = shipped_sets().get(str(item))

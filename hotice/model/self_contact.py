@@ -1,8 +1,8 @@
 """Which parts of the robot keep each other out: few pairs of primitives, enough that no limb passes through another.
 
-Legs against each other, arms and hands against legs, trunk, head and each other, knees against the trunk. Pairs that their
-joints keep apart are left out. Contacts within the robot carry no friction, which costs one constraint row instead of four;
-they are counted in evaluations (`depth`) and end no episode.
+Legs against each other, arms and hands against legs, trunk, head and each other, knees against the trunk. Pairs that
+their joints keep apart are left out. Contacts within the robot carry no friction, which costs one constraint row
+instead of four; they are counted in evaluations (`depth`) and end no episode.
 """
 
 from __future__ import annotations
@@ -29,9 +29,12 @@ def pairs() -> list[tuple[str, str]]:
     arms, legs = left_arm + right_arm, left_leg + right_leg
     knees = [name for name in legs if name.endswith("knee_link_0")]
     return [
-        *product(left_leg, right_leg), *product(left_arm, right_arm), *product(arms, legs), *product(arms, TRUNK),
+        *product(left_leg, right_leg),
+        *product(left_arm, right_arm),
+        *product(arms, legs),
+        *product(arms, TRUNK),
         *product(knees, ("torso_link_0",)),
-    ]  # fmt: skip
+    ]
 
 
 def add_self_contact(spec: mujoco.MjSpec) -> None:

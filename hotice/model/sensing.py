@@ -29,8 +29,8 @@ class SensingConfig:
     object_rot_rad: float = 0.0
     """Orientation of the object about each axis (CAT: 5 degrees)."""
     object_filter_s: float = 0.0
-    """Time constant of the low-pass filter of the object's pose, in the pelvis frame, where a carried object hardly moves; the
-    first measurements of an episode are averaged (ours: 0.2; 0: every measurement is taken as it comes)."""
+    """Time constant of the low-pass filter of the object's pose, in the pelvis frame, where a carried object hardly
+    moves; the first measurements of an episode are averaged (ours: 0.2; 0: every measurement is taken as it comes)."""
     root_pos_m: float = 0.0
     """Position of the root in the scene, its height too (ours: 0.02)."""
     root_yaw_rad: float = 0.0
@@ -38,8 +38,8 @@ class SensingConfig:
     root_hz: float = 0.0
     """Rate at which the root's place and heading are refreshed (CAT: 10); 0: with every step."""
     root_tracking: bool = False
-    """Whether the root moves on between refreshes: with a tracked velocity (alpha-beta filter) and turned by the gyro (ours).
-    Otherwise it stands where it was last seen, up to 7 cm behind a walking robot."""
+    """Whether the root moves on between refreshes: with a tracked velocity (alpha-beta filter) and turned by the gyro
+    (ours). Otherwise it stands where it was last seen, up to 7 cm behind a walking robot."""
     action_delay_s: float = 0.0
     """Longest delay from observation to motor, drawn for each episode in physics steps (ours: 0.02)."""
     sensor_delay_steps: int = 0
@@ -59,16 +59,28 @@ class SensingConfig:
 
 
 TRACK_PLACE, TRACK_VELOCITY, TRACK_HEADING = 0.7, 0.5, 0.5
-"""Gains of the root's filter: how much of the difference from the prediction place, velocity and heading take over. Chosen on
-recorded walks of 64 robots through bench20: 1.5 cm and 0.017 rad off (root mean square); a held root: 3.0 cm, 0.046 rad."""
+"""Gains of the root's filter: how much of the difference from the prediction place, velocity and heading take over.
+Chosen on recorded walks of 64 robots through bench20: 1.5 cm and 0.017 rad off (root mean square); a held root: 3.0 cm,
+0.046 rad."""
 
 TRACK_TILT = 0.1
-"""How much of its difference from what is measured the direction of gravity takes over at each step; in between it is turned by
-the gyro (complementary filter). On walks through bench20: 0.7 degrees off (root mean square); a reading alone: 2.3 degrees."""
+"""How much of its difference from what is measured the direction of gravity takes over at each step; in between it is
+turned by the gyro (complementary filter). On walks through bench20: 0.7 degrees off (root mean square); a reading
+alone: 2.3 degrees."""
 
 STUDENT_SENSING = SensingConfig(
-    joint_pos_rad=0.03, joint_vel_rad_s=1.5, gravity=0.05, gyro_rad_s=0.2, object_pos_m=0.05, object_rot_rad=0.087,
-    object_filter_s=0.2, root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0, root_tracking=True,
-    action_delay_s=0.02, sensor_delay_steps=1,
-)  # fmt: skip
+    joint_pos_rad=0.03,
+    joint_vel_rad_s=1.5,
+    gravity=0.05,
+    gyro_rad_s=0.2,
+    object_pos_m=0.05,
+    object_rot_rad=0.087,
+    object_filter_s=0.2,
+    root_pos_m=0.02,
+    root_yaw_rad=0.03,
+    root_hz=10.0,
+    root_tracking=True,
+    action_delay_s=0.02,
+    sensor_delay_steps=1,
+)
 """What students are trained and evaluated under."""

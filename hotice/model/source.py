@@ -1,6 +1,7 @@
 """Where a scene comes from: the map file, and the transform by which a pose in that map becomes one in the scene.
 
-A robot that localizes itself in the map (a pose in the map's own frame and unit) needs it to know where it is in the scene.
+A robot that localizes itself in the map (a pose in the map's own frame and unit) needs it to know where it is in the
+scene.
 """
 
 from __future__ import annotations
@@ -59,9 +60,12 @@ class MapSource:
         """From a rotation matrix (3, 3) and a translation (3,) [m]."""
         quat, position = np.asarray(mat_to_quat(np.asarray(R_WM, dtype=float))), np.asarray(position_m, dtype=float)
         return cls(
-            file=file, sha256=sha256, unit_m=unit_m, position_m=tuple(position.tolist()),
+            file=file,
+            sha256=sha256,
+            unit_m=unit_m,
+            position_m=tuple(position.tolist()),
             quaternion_wxyz=tuple(quat.tolist()),
-        )  # fmt: skip
+        )
 
     def to_scene(self, p_M: ArrayLike) -> Array:
         """Points (..., 3) in the map's frame and unit -> (..., 3) in W [m]."""

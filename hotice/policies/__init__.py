@@ -9,6 +9,12 @@ from hotice.policies.policy_file import PolicySession, check_layout, open_policy
 from hotice.policies.policy_task import PolicyTask
 
 __all__ = [
-    "Percept", "PerceptModel", "PolicySession", "PolicyTask",
-    "check_layout", "open_policy", "read_onnx_meta", "shipped_policies",
-]  # fmt: skip
+    "Percept",
+    "PerceptModel",
+    "PolicySession",
+    "PolicyTask",
+    "check_layout",
+    "open_policy",
+    "read_onnx_meta",
+    "shipped_policies",
+]

@@ -46,9 +46,14 @@ class FieldReading(NamedVector):
     scan: Array
 
     SHAPES = {
-        "force_W": (NUM_FIELD, 3), "distance": (NUM_FIELD,), "c_W": (3,), "speed": (1,), "heading_error": (1,),
-        "goal_distance": (1,), "scan": (NUM_SCAN,),
-    }  # fmt: skip
+        "force_W": (NUM_FIELD, 3),
+        "distance": (NUM_FIELD,),
+        "c_W": (3,),
+        "speed": (1,),
+        "heading_error": (1,),
+        "goal_distance": (1,),
+        "scan": (NUM_SCAN,),
+    }
 
 
 def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:

@@ -22,10 +22,19 @@ Array = NDArray[np.float64]
 ENCODE_SCALE = 0.6
 """|F| at which the encoded size is tanh(1), as `hotice.fields.alignment.ENCODE_SCALE` [m/s]."""
 LAYOUT: tuple[tuple[str, int], ...] = (
-    ("gyro", 3), ("gravity", 3), ("joint_pos", 20), ("joint_vel", 20), ("carry_pos", 20), ("last_action", 20),
-    ("clock", 2), ("command", 6), ("object_pose", 9), ("object_size", 3),
-    ("sgf", 5 * NUM_SGF), ("ogf", 5 * (NUM_FIELD - NUM_SGF)),
-)  # fmt: skip
+    ("gyro", 3),
+    ("gravity", 3),
+    ("joint_pos", 20),
+    ("joint_vel", 20),
+    ("carry_pos", 20),
+    ("last_action", 20),
+    ("clock", 2),
+    ("command", 6),
+    ("object_pose", 9),
+    ("object_size", 3),
+    ("sgf", 5 * NUM_SGF),
+    ("ogf", 5 * (NUM_FIELD - NUM_SGF)),
+)
 """Names and widths of the rows, in order, of a policy without the local obstacle scan and without a history."""
 SIZE = sum(width for _, width in LAYOUT)
 
@@ -63,21 +72,30 @@ def observe(
 ) -> NDArray[np.float32]:
     """Observation (201,), with the local obstacle scan 40 more, with a history H more, for one step.
 
-    `action` (20,) is the last one, `phase` [rad] the step clock of the left leg; `scan`: whether the policy reads the scan;
-    `past` (H,): what it read in the steps before, see `remember`.
+    `action` (20,) is the last one, `phase` [rad] the step clock of the left leg; `scan`: whether the policy reads the
+    scan; `past` (H,): what it read in the steps before, see `remember`.
     """
     yaw = float(percept.yaw[0])
     cos, sin = math.cos(yaw), math.sin(yaw)
     R_WY = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])  # v_Y = v_W @ R_WY
     error = float(reading.heading_error[0])
     rows = (
-        0.25 * percept.w_WP_P, percept.gravity_P, percept.q - carrying.joint_pos, 0.1 * percept.qd, carrying.joint_pos,
-        action, (math.sin(phase), math.cos(phase)),
-        reading.c_W @ R_WY, (math.sin(error), math.cos(error), math.tanh(float(reading.goal_distance[0]))),
-        (percept.p_WO - percept.p_WP) @ R_WY, (percept.R_WO[:, :2].T @ R_WY).ravel(), 5.0 * carrying.half_extents,
-        _encode(reading.force_W @ R_WY, reading.distance).ravel(), *((nearness(reading.scan),) if scan else ()),
+        0.25 * percept.w_WP_P,
+        percept.gravity_P,
+        percept.q - carrying.joint_pos,
+        0.1 * percept.qd,
+        carrying.joint_pos,
+        action,
+        (math.sin(phase), math.cos(phase)),
+        reading.c_W @ R_WY,
+        (math.sin(error), math.cos(error), math.tanh(float(reading.goal_distance[0]))),
+        (percept.p_WO - percept.p_WP) @ R_WY,
+        (percept.R_WO[:, :2].T @ R_WY).ravel(),
+        5.0 * carrying.half_extents,
+        _encode(reading.force_W @ R_WY, reading.distance).ravel(),
+        *((nearness(reading.scan),) if scan else ()),
         past,
-    )  # fmt: skip
+    )
     return np.concatenate(rows).astype(np.float32)
 
 

@@ -1,6 +1,7 @@
 """What the robot knows of itself and the object at one instant: the sensed part of the policy's input.
 
-True, when computed from a state by `PerceptModel`; with noise, after a sensor model. Frames: W world, P pelvis, O object.
+True, when computed from a state by `PerceptModel`; with noise, after a sensor model. Frames: W world, P pelvis, O
+object.
 """
 
 from __future__ import annotations
@@ -44,9 +45,17 @@ class Percept(NamedVector):
     p_WOK: Array
 
     SHAPES = {
-        "p_WP": (3,), "yaw": (1,), "gravity_P": (3,), "w_WP_P": (3,), "q": (20,), "qd": (20,),
-        "p_WK": (NUM_POINTS, 3), "p_WO": (3,), "R_WO": (3, 3), "p_WOK": (8, 3),
-    }  # fmt: skip
+        "p_WP": (3,),
+        "yaw": (1,),
+        "gravity_P": (3,),
+        "w_WP_P": (3,),
+        "q": (20,),
+        "qd": (20,),
+        "p_WK": (NUM_POINTS, 3),
+        "p_WO": (3,),
+        "R_WO": (3, 3),
+        "p_WOK": (8, 3),
+    }
 
 
 class PerceptModel:
@@ -63,7 +72,9 @@ class PerceptModel:
         self._q, self._qd = 7 + joint_index(20), 6 + joint_index(20)
 
     def keypoints_at(self, qpos: Array) -> Callable[[Array], Array]:
-        """Function: keypoints of the robot (11, 3) in W [m] for joints of the policy (20,), all else as in `qpos` (43,)."""
+        """Function: keypoints of the robot (11, 3) in W [m] for joints of the policy (20,), all else as in `qpos`
+        (43,).
+        """
 
         def keypoints(q: Array) -> Array:
             self._data.qpos[:] = qpos

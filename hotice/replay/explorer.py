@@ -45,8 +45,10 @@ def _sliders() -> list[ipywidgets.Widget]:
 
     paper = FieldParams()
     options: dict[str, Any] = {
-        "continuous_update": False, "layout": Layout(width="45%"), "style": {"description_width": "9em"},
-    }  # fmt: skip
+        "continuous_update": False,
+        "layout": Layout(width="45%"),
+        "style": {"description_width": "9em"},
+    }
     return [
         FloatSlider(0.08, min=0.0, max=0.3, step=0.01, description="margin m [m]", **options),
         FloatSlider(paper.influence_distance_m, min=0.05, max=0.6, step=0.05, description="reach d0 [m]", **options),

@@ -108,9 +108,13 @@ def _pack(record: RolloutRecord) -> dict[str, Any]:
 def _pack_obstacle(obstacle: Obstacle) -> dict[str, Any]:
     kind, size = obstacle_geom(obstacle)
     packed = {
-        "type": kind, "size": size, "category": obstacle.category, "name": obstacle.name,
-        "position": obstacle.position_m, "quaternion": obstacle.quaternion_wxyz,
-    }  # fmt: skip
+        "type": kind,
+        "size": size,
+        "category": obstacle.category,
+        "name": obstacle.name,
+        "position": obstacle.position_m,
+        "quaternion": obstacle.quaternion_wxyz,
+    }
     if kind == "mesh":
         vertices, faces = obstacle_triangles(obstacle)
         packed["mesh"] = {"vertices": vertices.round(4).ravel().tolist(), "faces": faces.ravel().tolist()}

@@ -28,10 +28,13 @@ def draw_map(axes: Axes, scene: Scene, path_W: NDArray[np.float64] | None = None
         color = CATEGORY_COLORS[obstacle.category]
         axes.add_collection(
             PolyCollection(
-                list(corners[faces]) if hollow else [outline(corners)], facecolor=color, alpha=_ALPHA[obstacle.category],
-                edgecolor="none" if hollow else color, linewidth=0.8,
+                list(corners[faces]) if hollow else [outline(corners)],
+                facecolor=color,
+                alpha=_ALPHA[obstacle.category],
+                edgecolor="none" if hollow else color,
+                linewidth=0.8,
             )
-        )  # fmt: skip
+        )
     if path_W is not None:
         axes.plot(*np.asarray(path_W)[:, :2].T, color=ROOT_COLOR, linewidth=1.6, zorder=5)
     x, y, yaw = scene.start

@@ -64,9 +64,17 @@ def write_overview(records: Sequence[RolloutRecord], path: str | Path, *, ghosts
 
 
 def film_strip(
-    record: RolloutRecord, path: str | Path, *, frames: int = 8, columns: int = 4, azimuth_deg: float = -55.0,
-    elevation_deg: float = 12.0, start_s: float = 0.0, end_s: float = float("inf"), arrows: bool = True,
-) -> Path:  # fmt: skip
+    record: RolloutRecord,
+    path: str | Path,
+    *,
+    frames: int = 8,
+    columns: int = 4,
+    azimuth_deg: float = -55.0,
+    elevation_deg: float = 12.0,
+    start_s: float = 0.0,
+    end_s: float = float("inf"),
+    arrows: bool = True,
+) -> Path:
     """Writes a PNG with 3-D views of one rollout at evenly spaced times; needs no graphics driver.
 
     Args:
@@ -124,10 +132,13 @@ def _draw_view(axes: Axes, record: RolloutRecord, plane: list[int], depth: int, 
         overhead = top_view and obstacle.category == "overhead"
         axes.add_collection(
             PolyCollection(
-                polygons, facecolor=(*to_rgb(color), 0.35 if overhead else 0.8), zorder=90 if overhead else 5,
-                edgecolor="none" if hollow else color, linewidth=1.0,
+                polygons,
+                facecolor=(*to_rgb(color), 0.35 if overhead else 0.8),
+                zorder=90 if overhead else 5,
+                edgecolor="none" if hollow else color,
+                linewidth=1.0,
             )
-        )  # fmt: skip
+        )
     frames = np.unique(np.rint(np.linspace(0, len(record.time_s) - 1, ghosts)).astype(int))
     for n, frame in enumerate(frames):
         age = 0.72 * (1.0 - n / max(len(frames) - 1, 1)) if len(frames) > 1 else 0.0
@@ -173,18 +184,31 @@ def _draw_arrows(axes: Axes, record: RolloutRecord, frame: int, plane: list[int]
         rows = record.arrow_is_ogf == is_ogf
         if rows.any():
             axes.quiver(
-                *start[rows][:, plane].T, *shaft[rows][:, plane].T, color=color, angles="xy", scale_units="xy",
-                scale=1.0, width=0.0022, headwidth=4.0, headlength=5.0, zorder=zorder, alpha=0.85,
-            )  # fmt: skip
+                *start[rows][:, plane].T,
+                *shaft[rows][:, plane].T,
+                color=color,
+                angles="xy",
+                scale_units="xy",
+                scale=1.0,
+                width=0.0022,
+                headwidth=4.0,
+                headlength=5.0,
+                zorder=zorder,
+                alpha=0.85,
+            )
 
 
 def _legend(figure: Figure) -> None:
     from matplotlib.lines import Line2D
 
     entries = {
-        "root": ROOT_COLOR, "object": OBJECT_COLOR, "goal": GOAL_COLOR, "SGF": SGF_COLOR, "OGF": OGF_COLOR,
+        "root": ROOT_COLOR,
+        "object": OBJECT_COLOR,
+        "goal": GOAL_COLOR,
+        "SGF": SGF_COLOR,
+        "OGF": OGF_COLOR,
         **{f"{name} obstacle": color for name, color in CATEGORY_COLORS.items()},
-    }  # fmt: skip
+    }
     handles = [Line2D([], [], color=color, linewidth=3, label=name) for name, color in entries.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
 
@@ -233,10 +257,13 @@ def draw_frame(axes: Axes, record: RolloutRecord, frame: int, azimuth: float, el
     _draw_floor(axes, record, project, look_at)
     axes.add_collection(
         PolyCollection(
-            list(flat[order]), facecolors=color[order], edgecolors=color[order] * opaque[:, None], linewidths=0.3,
+            list(flat[order]),
+            facecolors=color[order],
+            edgecolors=color[order] * opaque[:, None],
+            linewidths=0.3,
             zorder=5,
         )
-    )  # fmt: skip
+    )
     if arrows and len(record.arrow_is_ogf):
         start, shaft = _arrows(record, frame)
         tail, tip = project(start)[0], project(start + shaft)[0]

@@ -76,11 +76,18 @@ class RolloutRecord:
             for name in ("arrow_pos_W", "arrow_force_W"):
                 object.__setattr__(self, name, np.zeros((frames, 0, 3)))
         wanted = {
-            "time_s": (frames,), "geom_sizes": (solids, 3), "geom_rgba": (solids, 4),
-            "geom_pos_W": (frames, solids, 3), "geom_quat_W": (frames, solids, 4), "geom_is_object": (solids,),
-            "root_pos_W": (frames, 3), "object_pos_W": (frames, 3), "arrow_pos_W": (frames, arrows, 3),
-            "arrow_force_W": (frames, arrows, 3), "arrow_is_ogf": (arrows,),
-        }  # fmt: skip
+            "time_s": (frames,),
+            "geom_sizes": (solids, 3),
+            "geom_rgba": (solids, 4),
+            "geom_pos_W": (frames, solids, 3),
+            "geom_quat_W": (frames, solids, 4),
+            "geom_is_object": (solids,),
+            "root_pos_W": (frames, 3),
+            "object_pos_W": (frames, 3),
+            "arrow_pos_W": (frames, arrows, 3),
+            "arrow_force_W": (frames, arrows, 3),
+            "arrow_is_ogf": (arrows,),
+        }
         for name, shape in wanted.items():
             kind = bool if name in ("geom_is_object", "arrow_is_ogf") else float
             value = np.asarray(getattr(self, name), dtype=kind)
@@ -199,21 +206,35 @@ class RolloutRecord:
         rgba = model.geom_rgba[shown].astype(float)
         rgba[material >= 0] = model.mat_rgba[material[material >= 0]]
         return cls(
-            scene=scene, carried=carried, time_s=np.asarray(time_s, dtype=float),
+            scene=scene,
+            carried=carried,
+            time_s=np.asarray(time_s, dtype=float),
             geom_names=[model.geom(int(g)).name or f"geom_{g}" for g in shown],
-            geom_types=[_TYPE_NAMES[int(model.geom_type[g])] for g in shown], geom_sizes=model.geom_size[shown].copy(),
-            geom_rgba=rgba, geom_pos_W=pos, geom_quat_W=quat, geom_is_object=model.geom_bodyid[shown] == carried_id,
-            root_pos_W=root_pos, object_pos_W=object_pos, outcome=outcome, policy=policy, **arrows,
-        )  # fmt: skip
+            geom_types=[_TYPE_NAMES[int(model.geom_type[g])] for g in shown],
+            geom_sizes=model.geom_size[shown].copy(),
+            geom_rgba=rgba,
+            geom_pos_W=pos,
+            geom_quat_W=quat,
+            geom_is_object=model.geom_bodyid[shown] == carried_id,
+            root_pos_W=root_pos,
+            object_pos_W=object_pos,
+            outcome=outcome,
+            policy=policy,
+            **arrows,
+        )
 
     def save(self, path: str | Path) -> Path:
         """Writes an .npz file that needs no other file: meshes of obstacles are inside. Raises `OutputError`."""
         arrays = {f.name: getattr(self, f.name) for f in fields(self)}
         text = {
-            "format": FORMAT, "scene": self.scene.to_dict(), "carried": self.carried.to_dict(),
-            "geom_names": self.geom_names, "geom_types": self.geom_types,
-            "outcome": self.outcome, "policy": self.policy,
-        }  # fmt: skip
+            "format": FORMAT,
+            "scene": self.scene.to_dict(),
+            "carried": self.carried.to_dict(),
+            "geom_names": self.geom_names,
+            "geom_types": self.geom_types,
+            "outcome": self.outcome,
+            "policy": self.policy,
+        }
         arrays = {k: v.astype(np.float32) if v.dtype == float else v for k, v in arrays.items() if k not in text}
         arrays["time_s"] = self.time_s
         shapes = [o.shape for o in self.scene.obstacles]

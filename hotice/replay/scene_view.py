@@ -110,9 +110,12 @@ def start_solids(scene: Scene) -> RolloutRecord:
     turn = quat_from_yaw(scene.start[2])
     origin = np.array([*scene.start[:2], 0.0])
     qpos = [
-        *(origin + quat_rotate(turn, state.root_pos_W)), *quat_mul(turn, state.quat_WP), *state.joint_pos,
-        *(origin + quat_rotate(turn, state.object_pos_W)), *quat_mul(turn, state.quat_WO),
-    ]  # fmt: skip
+        *(origin + quat_rotate(turn, state.root_pos_W)),
+        *quat_mul(turn, state.quat_WP),
+        *state.joint_pos,
+        *(origin + quat_rotate(turn, state.object_pos_W)),
+        *quat_mul(turn, state.quat_WO),
+    ]
     model = build_model(CARRIED, wrist_pos=state.wrist_pos)
     return RolloutRecord.from_states(
         model, qpos, scene=scene, carried=CARRIED, time_s=[0.0], outcome="running", policy="none"

@@ -47,9 +47,16 @@ def slice_points(pf: HodPf, plane: str, at_m: float, spacing_m: float) -> NDArra
 
 
 def draw_slice(
-    axes: Axes, pf: HodPf, field: str = "sgf", *, plane: str = "xz", at_m: float = 0.0,
-    quantity: str = "potential", arrows: bool = True, arrow_spacing_m: float = 0.08,
-) -> Any:  # fmt: skip
+    axes: Axes,
+    pf: HodPf,
+    field: str = "sgf",
+    *,
+    plane: str = "xz",
+    at_m: float = 0.0,
+    quantity: str = "potential",
+    arrows: bool = True,
+    arrow_spacing_m: float = 0.08,
+) -> Any:
     """Draws one field of a scene in a plane: `quantity` as shades, F as arrows of unit length, walls as outlines.
 
     The dark outline is the obstacles', the orange one the boundary that the field itself sees, inflated for the OGF.
@@ -83,9 +90,14 @@ def draw_slice(
     shown = np.where(np.isfinite(values) & (~inside | (quantity == "signed_distance")), values, np.nan)
     visible = shown[np.isfinite(shown)]
     image = axes.imshow(
-        shown, origin="lower", extent=(low[right], high[right], low[up], high[up]), aspect="equal", cmap="Blues_r",
-        vmax=float(np.quantile(visible, _CEILING)) if visible.size else None, interpolation="bilinear",
-    )  # fmt: skip
+        shown,
+        origin="lower",
+        extent=(low[right], high[right], low[up], high[up]),
+        aspect="equal",
+        cmap="Blues_r",
+        vmax=float(np.quantile(visible, _CEILING)) if visible.size else None,
+        interpolation="bilinear",
+    )
     axes.set_facecolor("#e2e8f0")
     grid = (p_W[0, :, right], p_W[:, 0, up])
     axes.contourf(*grid, raw, levels=[-np.inf, 0.0], colors=[WALL_COLOR], alpha=0.85)
@@ -114,7 +126,9 @@ def draw_descent(axes: Axes, pf: HodPf, field: str, starts_W: NDArray[np.float64
 def descend(
     guide: GuidanceField, starts_W: NDArray[np.float64], *, step_m: float = 0.01, length_m: float = 4.0
 ) -> NDArray[np.float64]:
-    """Follows F / |F| from points (n, 3) in W [m], midpoint rule -> (steps + 1, n, 3); stops within 5 cm of the goal."""
+    """Follows F / |F| from points (n, 3) in W [m], midpoint rule -> (steps + 1, n, 3); stops within 5 cm of the
+    goal.
+    """
 
     def direction(p_W: NDArray[np.float64]) -> NDArray[np.float64]:
         force = guide.sample(p_W)
@@ -143,9 +157,16 @@ def _draw_arrows(axes: Axes, guide: GuidanceField, p_W: NDArray[np.float64], rig
     force = guide.sample(p_W)[:, [right, up]]
     size = np.linalg.norm(force, axis=-1, keepdims=True)
     axes.quiver(
-        *p_W[:, [right, up]].T, *(force / np.maximum(size, 1e-9)).T, color=ARROW_COLOR, alpha=0.75,
-        angles="xy", scale_units="xy", scale=18.0, width=0.0026, pivot="mid",
-    )  # fmt: skip
+        *p_W[:, [right, up]].T,
+        *(force / np.maximum(size, 1e-9)).T,
+        color=ARROW_COLOR,
+        alpha=0.75,
+        angles="xy",
+        scale_units="xy",
+        scale=18.0,
+        width=0.0026,
+        pivot="mid",
+    )
 
 
 def _middles(low: float, high: float, spacing_m: float) -> NDArray[np.float64]:

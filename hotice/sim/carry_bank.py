@@ -68,10 +68,18 @@ class CarryBank:
 
     @classmethod
     def of(
-        cls, states: Sequence[CarryState], timestep_s: float, device: torch.device, *, scene: Scene | None = None,
-        elliptic: bool = False, one_layout: bool = False, dynamics: DynamicsConfig | None = None, seed: int = 0,
+        cls,
+        states: Sequence[CarryState],
+        timestep_s: float,
+        device: torch.device,
+        *,
+        scene: Scene | None = None,
+        elliptic: bool = False,
+        one_layout: bool = False,
+        dynamics: DynamicsConfig | None = None,
+        seed: int = 0,
         robots: Sequence[np.random.Generator] | None = None,
-    ) -> CarryBank:  # fmt: skip
+    ) -> CarryBank:
         """Compiles the model of each state, once where a state occurs again, and stacks their rows.
 
         Args:
@@ -79,17 +87,21 @@ class CarryBank:
             scene: its obstacles become part of every model (evaluation with exact geometry).
             elliptic: friction cones of evaluation, see `build_model`.
             one_layout: gives every model a geom of each shape that occurs, see `builder.add_object`.
-            dynamics: spread of the robots' parameters, drawn anew for each row from a generator of its own: those of `robots`, or
-                ones made of `seed`.
+            dynamics: spread of the robots' parameters, drawn anew for each row from a generator of its own: those of
+                `robots`, or ones made of `seed`.
         """
         shapes = sorted({s.carried.shape for s in states})
         compiled = {
             key: builder.build_model(
-                s.carried, scene, wrist_pos=s.wrist_pos, timestep_s=timestep_s, elliptic=elliptic,
+                s.carried,
+                scene,
+                wrist_pos=s.wrist_pos,
+                timestep_s=timestep_s,
+                elliptic=elliptic,
                 object_shapes=shapes if one_layout and len(shapes) > 1 else (),
             )
             for key, s in {id(s): s for s in states}.items()
-        }  # fmt: skip
+        }
         models = [compiled[id(s)] for s in states]
         if dynamics is not None and not dynamics.nominal:
             # a generator each: a robot depends neither on those before it nor on how many obstacles there are
@@ -101,10 +113,13 @@ class CarryBank:
 
         covers = [object_cover(s.carried.shape, s.carried.half_extents_m) for s in states]
         return cls(
-            states=tuple(states), models=tuple(models),
+            states=tuple(states),
+            models=tuple(models),
             qpos=torch.tensor(np.stack([s.qpos() for s in states]), dtype=torch.float64, device=device),
-            target=rows([s.joint_target for s in states]), joint_offset=rows([joint_offset(m) for m in models]),
-            cover_centre=rows([c for c, _ in covers]), cover_radius=rows([r for _, r in covers]),
+            target=rows([s.joint_target for s in states]),
+            joint_offset=rows([joint_offset(m) for m in models]),
+            cover_centre=rows([c for c, _ in covers]),
+            cover_radius=rows([r for _, r in covers]),
             grasp=Grasp(
                 joint_pos=rows([s.joint_pos for s in states]),
                 half_extents=rows([s.carried.half_extents_m for s in states]),
@@ -114,7 +129,7 @@ class CarryBank:
                 p_OH=rows([_hands(s, m) for s, m in zip(states, models, strict=True)]),
                 height_P=rows([np.array(s.object_pos_W[2] - s.root_pos_W[2]) for s in states]),
             ),
-        )  # fmt: skip
+        )
 
 
 def _hands(state: CarryState, model: mujoco.MjModel) -> np.ndarray:

@@ -1,8 +1,8 @@
 """The navigation command c: what the guidance field asks of locomotion.
 
-The paper aggregates c from the Standard Guidance Field at head, pelvis and feet and leaves open how. Here: the mean of the
-four vectors, each shortened to at most eta (a foot brushing an obstacle must not drown the others), its horizontal part
-rescaled to the walking speed, which falls with the distance so that the root comes to rest on the goal.
+The paper aggregates c from the Standard Guidance Field at head, pelvis and feet and leaves open how. Here: the mean of
+the four vectors, each shortened to at most eta (a foot brushing an obstacle must not drown the others), its horizontal
+part rescaled to the walking speed, which falls with the distance so that the root comes to rest on the goal.
 """
 
 from __future__ import annotations
@@ -32,9 +32,8 @@ def navigation_command(
     c_W = (force_W * (ETA / size.clamp_min(ETA))).mean(dim=1)
     distance = offset_W.norm(dim=-1)
     speed = torch.clamp(stop_gain_hz * distance, max=speed_m_s)
-    near = torch.clamp(1.0 - distance / 0.4, 0.0, 1.0)[
-        :, None
-    ]  # close by, straight at the goal: feet and head disagree
+    # close by, straight at the goal: feet and head disagree
+    near = torch.clamp(1.0 - distance / 0.4, 0.0, 1.0)[:, None]
     straight = offset_W / distance.clamp_min(1e-6)[:, None]
     along = c_W[:, :2] / c_W[:, :2].norm(dim=-1, keepdim=True).clamp_min(1e-6)
     horizontal = torch.nn.functional.normalize((1.0 - near) * along + near * straight, dim=-1) * speed[:, None]
@@ -43,7 +42,9 @@ def navigation_command(
 
 
 def heading_error(c_W: Tensor, speed: Tensor, yaw: Tensor, speed_m_s: float) -> Tensor:
-    """Angle from the robot's heading to the command, (N,) [rad], fading out as the speed does (no turning at the goal)."""
+    """Angle from the robot's heading to the command, (N,) [rad], fading out as the speed does (no turning at the
+    goal).
+    """
     error = torch.atan2(c_W[:, 1], c_W[:, 0]) - yaw
     wrapped = torch.atan2(torch.sin(error), torch.cos(error))
     return wrapped * torch.clamp(2.0 * speed / speed_m_s - 0.5, 0.0, 1.0)

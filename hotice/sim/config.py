@@ -115,8 +115,8 @@ class TaskConfig:
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     """Spread of the robots' parameters (zero for teachers)."""
     push_m_s: float = 0.0
-    """Largest push: a change of root velocity that all links take, not the object in the hands (CAT, student: 1.0; zero for
-    teachers); the least is a tenth of it (CAT: 0.1)."""
+    """Largest push: a change of root velocity that all links take, not the object in the hands (CAT, student: 1.0; zero
+    for teachers); the least is a tenth of it (CAT: 0.1)."""
     push_interval_s: float = 7.5
     """Mean time between pushes, which come at any control step with equal chance (CAT: 5 to 10)."""
     collisions: bool = True
@@ -128,15 +128,27 @@ class TaskConfig:
     goal_stay_s: float = 0.0
     """Training: mean time at the goal before an episode is cut short, as by the time limit; 0: it never is (ours)."""
     scan: bool = False
-    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields only)."""
+    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields
+    only)."""
     history: int = 0
     """Past control steps of which the actors also read joints, IMU and actions (ours)."""
 
     def __post_init__(self) -> None:
         positive = (
-            "physics_dt_s", "substeps", "episode_s", "leg_scale_rad", "arm_scale_rad", "action_limit", "speed_m_s",
-            "stop_gain_hz", "goal_radius_m", "gait_hz", "resolution_m", "carry_states", "push_interval_s",
-        )  # fmt: skip
+            "physics_dt_s",
+            "substeps",
+            "episode_s",
+            "leg_scale_rad",
+            "arm_scale_rad",
+            "action_limit",
+            "speed_m_s",
+            "stop_gain_hz",
+            "goal_radius_m",
+            "gait_hz",
+            "resolution_m",
+            "carry_states",
+            "push_interval_s",
+        )
         for name in positive:
             value = getattr(self, name)
             if not 0 < value <= MOST:  # also false for NaN
@@ -175,7 +187,9 @@ class TaskConfig:
         return round(self.episode_s / self.control_dt_s)
 
     def perturbed(self) -> TaskConfig:
-        """The task under noise, delay, pushes and uncertain dynamics, as students are trained; for evaluation see `protocols`."""
+        """The task under noise, delay, pushes and uncertain dynamics, as students are trained; for evaluation see
+        `protocols`.
+        """
         return replace(
             self, sensing=STUDENT_SENSING, dynamics=student_dynamics(self.physics_dt_s), push_m_s=STUDENT_PUSH_M_S
         )

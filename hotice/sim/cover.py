@@ -1,10 +1,10 @@
 """A dense cover of robot and object by spheres: what training tests against the scene's signed distance.
 
-Two errors hide a penetration. Spheres leave dents between them, at most `DENT_M` deep. And a grid shows convex obstacles
-thinner than they are, most of all beside thin bars, because interpolation of a convex distance errs upwards. So spheres
-along edges reach the very edge, for which they stick out of both faces by 0.4 of their depth, and thin links get a `skin`
-as thick as that error; elsewhere the cover lies inside the geometry. `python -m benchmarks.collision` measures
-what is missed and what is invented. Evaluation scores exact geometry instead (`hotice.learn.evaluate`).
+Two errors hide a penetration. Spheres leave dents between them, at most `DENT_M` deep. And a grid shows convex
+obstacles thinner than they are, most of all beside thin bars, because interpolation of a convex distance errs upwards.
+So spheres along edges reach the very edge, for which they stick out of both faces by 0.4 of their depth, and thin links
+get a `skin` as thick as that error; elsewhere the cover lies inside the geometry. `python -m benchmarks.collision`
+measures what is missed and what is invented. Evaluation scores exact geometry instead (`hotice.learn.evaluate`).
 """
 
 from __future__ import annotations
@@ -78,14 +78,17 @@ def skin(radius: float) -> float:
 
 
 def _points(reach: np.ndarray, radius: float, ends: int = 1) -> np.ndarray:
-    """Centres (S, 3) up to `reach` (3,) from the middle, so close that spheres of this radius leave dents of `DENT_M`."""
+    """Centres (S, 3) up to `reach` (3,) from the middle, so close that spheres of this radius leave dents of
+    `DENT_M`.
+    """
     spacing = np.sqrt(8.0 * radius * DENT_M)
     counts = [int(np.ceil(2.0 * r / spacing)) + 1 if r > 0.002 else 1 for r in reach]
     return _lattice(counts, ends) * reach
 
 
 def _lattice(counts: Sequence[int], ends: int) -> np.ndarray:
-    """Grid points of the cube [-1, 1]^3, as many along each axis as `counts` say, with `ends` coordinates or more at ± 1.
+    """Grid points of the cube [-1, 1]^3, as many along each axis as `counts` say, with `ends` coordinates or more at ±
+    1.
 
     So 2 leaves the edges, 1 the faces; a single point along an axis lies in the middle and counts as an end.
     """

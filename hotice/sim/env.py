@@ -1,7 +1,7 @@
 """The transport task: N robots carry N objects through scenes, one control step at a time.
 
-Layers, from the outside in: `TransportEnv` orders a step; rewards, observations and terminations are tables; `Snapshot` is
-what they read; `Physics` is what moves.
+Layers, from the outside in: `TransportEnv` orders a step; rewards, observations and terminations are tables; `Snapshot`
+is what they read; `Physics` is what moves.
 """
 
 from __future__ import annotations
@@ -45,10 +45,11 @@ class Step:
     final_policy (N, O), final_critic (N, C): before any restart.
     reward (N, A): one stream an agent; terms (N, R): what they sum, raw.
     terminated, truncated (N,): failure or success, and time out. outcome (N,): index into `OUTCOMES`, 0 while running.
-    goal_distance (N,): root to goal [m] before any restart. reached (N,): within the goal radius. touched (N,): robot or
-    object intrudes into an obstacle, by the sphere cover. scene, model (N,): ids of the episode that made this step.
-    length (N,): control steps of that episode so far. seen: the instant after the step, before any restart. self_depth (N,): how
-    deep parts of the robot were in each other during the step [m], 0 where the physics does not look (training).
+    goal_distance (N,): root to goal [m] before any restart. reached (N,): within the goal radius. touched (N,): robot
+    or object intrudes into an obstacle, by the sphere cover. scene, model (N,): ids of the episode that made this step.
+    length (N,): control steps of that episode so far. seen: the instant after the step, before any restart. self_depth
+    (N,): how deep parts of the robot were in each other during the step [m], 0 where the physics does not look
+    (training).
     """
 
     policy: Tensor
@@ -120,9 +121,14 @@ class TransportEnv:
             self.carry = objects
         elif objects is None:
             self.carry = CarryBank.sample(
-                cfg.objects, min(cfg.carry_states, num_envs), seed, cfg.physics_dt_s, self.device,
-                one_layout=physics == "warp", dynamics=cfg.dynamics,
-            )  # fmt: skip
+                cfg.objects,
+                min(cfg.carry_states, num_envs),
+                seed,
+                cfg.physics_dt_s,
+                self.device,
+                one_layout=physics == "warp",
+                dynamics=cfg.dynamics,
+            )
         else:
             given = list(objects) if isinstance(objects, Sequence) else [objects]
             self.carry = CarryBank.of_objects(
@@ -147,15 +153,22 @@ class TransportEnv:
         """Whether actors read the truth."""
         self.truth = torch.zeros(num_envs, self.policy_table.size, device=self.device)
         self.sensors = Sensors(
-            cfg.sensing, num_envs, cfg.control_dt_s, cfg.substeps, self.device, self._guide,
-            self.policy_table.columns(KNOWN_ROWS).to(self.device), self.layout.chains,
-        )  # fmt: skip
+            cfg.sensing,
+            num_envs,
+            cfg.control_dt_s,
+            cfg.substeps,
+            self.device,
+            self._guide,
+            self.policy_table.columns(KNOWN_ROWS).to(self.device),
+            self.layout.chains,
+        )
         scale = torch.full((20,), cfg.leg_scale_rad, device=self.device)
         scale[12:] = cfg.arm_scale_rad
         self.action_scale = scale
         self.unstable = 0
         self.restarts = True
-        """Whether what has ended is started anew; evaluation starts nothing anew: a trial's draws then depend on no other."""
+        """Whether what has ended is started anew; evaluation starts nothing anew: a trial's draws then depend on no
+        other."""
         self.memory.model[:] = torch.arange(num_envs, device=self.device) % len(self.carry.states)
         self.has_obstacles = any(s.obstacles for s in self.bank.scenes)
 
@@ -229,15 +242,29 @@ class TransportEnv:
             fresh = self.snapshot(done)
             policy[done], critic[done] = self._observe(fresh, done), self._privileged(fresh, done)
         return Step(
-            policy=policy, critic=critic, final_policy=final_policy, final_critic=final_critic, reward=reward, terms=terms,
-            terminated=terminated, truncated=truncated, outcome=outcome, goal_distance=s.goal_distance,
+            policy=policy,
+            critic=critic,
+            final_policy=final_policy,
+            final_critic=final_critic,
+            reward=reward,
+            terms=terms,
+            terminated=terminated,
+            truncated=truncated,
+            outcome=outcome,
+            goal_distance=s.goal_distance,
             reached=s.goal_distance < self.config.goal_radius_m,
-            touched=torch.minimum(s.clearance, s.object_clearance) < 0.0, scene=scene, model=model, length=length,
-            seen=s, self_depth=self_depth,
-        )  # fmt: skip
+            touched=torch.minimum(s.clearance, s.object_clearance) < 0.0,
+            scene=scene,
+            model=model,
+            length=length,
+            seen=s,
+            self_depth=self_depth,
+        )
 
     def _act(self, action: Tensor) -> None:
-        """Actions become servo targets around the carry state; the clock advances, and what was read becomes the past."""
+        """Actions become servo targets around the carry state; the clock advances, and what was read becomes the
+        past.
+        """
         m = self.memory
         if self.config.history:
             m.past = torch.cat([self.read[:, self.frame], m.past[:, : -history.FRAME]], dim=1)
@@ -278,7 +305,9 @@ class TransportEnv:
         return rows
 
     def _contain(self, place: Tensor) -> Tensor:
-        """Finds diverged simulations, (N,) bool; until they are restarted they stand at their last `place` (N, 2) [m]."""
+        """Finds diverged simulations, (N,) bool; until they are restarted they stand at their last `place` (N, 2)
+        [m].
+        """
         p = self.physics
         bad = ~(torch.isfinite(p.qpos).all(dim=1) & torch.isfinite(p.qvel).all(dim=1))
         bad |= (p.qvel.abs() > 1e3).any(dim=1) | (p.qpos[:, :3].abs() > 1e3).any(dim=1)
@@ -308,7 +337,9 @@ class TransportEnv:
         return outcome
 
     def _stayed(self, s: Snapshot) -> Tensor:
-        """Which of those at the goal have stood there long enough, (N,) bool: drawn, so that nothing has to be remembered."""
+        """Which of those at the goal have stood there long enough, (N,) bool: drawn, so that nothing has to be
+        remembered.
+        """
         chance = self.config.control_dt_s / self.config.goal_stay_s
         leaves = torch.rand(self.num_envs, generator=self.generator, device=self.device) < chance
         return leaves & (s.goal_distance < self.config.goal_radius_m)
@@ -351,12 +382,23 @@ class TransportEnv:
         touch = torch.minimum(ends[:, :2], ends[:, 2:]) < TOUCH_HEIGHT_M
         wave = torch.sin(torch.stack([m.phase[rows], m.phase[rows] + torch.pi], dim=1))
         return Snapshot(
-            **vars(motion), **guidance, clearance=robot_gap, object_clearance=object_gap, clearance_ahead=gap_ahead,
-            robot_hit=robot_hit, object_hit=object_hit, touch=touch,
-            swing=cfg.swing_height_m * torch.clamp(wave, min=0.0), stance=wave < 0.2, action=m.action[rows],
-            last_action=m.last_action[rows], past=m.past[rows], phase=m.phase[rows],
-            time_left=1.0 - m.step[rows].float() / cfg.max_steps, grasp=grasp,
-        )  # fmt: skip
+            **vars(motion),
+            **guidance,
+            clearance=robot_gap,
+            object_clearance=object_gap,
+            clearance_ahead=gap_ahead,
+            robot_hit=robot_hit,
+            object_hit=object_hit,
+            touch=touch,
+            swing=cfg.swing_height_m * torch.clamp(wave, min=0.0),
+            stance=wave < 0.2,
+            action=m.action[rows],
+            last_action=m.last_action[rows],
+            past=m.past[rows],
+            phase=m.phase[rows],
+            time_left=1.0 - m.step[rows].float() / cfg.max_steps,
+            grasp=grasp,
+        )
 
     def _guide(self, motion: Motion, rows: Tensor | slice) -> dict[str, Any]:
         """Fields, command and goal as seen from a motion of environments `rows`: the guidance part of a snapshot."""
@@ -371,10 +413,15 @@ class TransportEnv:
             [cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1
         )
         return {
-            "sgf": sgf, "ogf": ogf, "c_W": c_W, "speed": speed, "goal_Y": goal_Y,
+            "sgf": sgf,
+            "ogf": ogf,
+            "c_W": c_W,
+            "speed": speed,
+            "goal_Y": goal_Y,
             "heading_error": heading_error(c_W, speed, motion.yaw, cfg.speed_m_s),
-            "goal_distance": offset_W.norm(dim=-1), "scan": self._scan(motion, scene),
-        }  # fmt: skip
+            "goal_distance": offset_W.norm(dim=-1),
+            "scan": self._scan(motion, scene),
+        }
 
     def _scan(self, motion: Motion, scene: Tensor) -> Tensor:
         """Signed distances at the points of the local scan, (N, 40) [m], or (N, 0) without one."""
@@ -385,7 +432,9 @@ class TransportEnv:
     def _clearances(
         self, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor, robot: Spheres
     ) -> tuple[Tensor, Tensor]:
-        """Smallest gap between cover spheres and obstacles, `robot` and object, (N,) each, from the frames of all bodies."""
+        """Smallest gap between cover spheres and obstacles, `robot` and object, (N,) each, from the frames of all
+        bodies.
+        """
         if not self.has_obstacles:
             far = torch.full((len(xpos),), CLEAR_M, device=self.device)
             return far, far.clone()

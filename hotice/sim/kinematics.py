@@ -25,8 +25,8 @@ def chains(model: mujoco.MjModel, joints: list[str], point_bodies: list[int]) ->
 def turn_joints(p_WK: Tensor, axis_W: Tensor, anchor_W: Tensor, angle: Tensor, moved: list[list[int]]) -> Tensor:
     """Points (N, K, 3) [m] of robots whose hinges turned by `angle` (N, J) [rad], the root unmoved.
 
-    Product of exponentials from the pose at hand: the hinges of a limb turn about where they are now, the outermost first, which
-    is exact for any angle.
+    Product of exponentials from the pose at hand: the hinges of a limb turn about where they are now, the outermost
+    first, which is exact for any angle.
 
     Args:
         p_WK: points now. axis_W, anchor_W: unit axes and places of the hinges now, (N, J, 3).

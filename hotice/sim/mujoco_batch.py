@@ -29,7 +29,9 @@ def _view(array: np.ndarray) -> Tensor:
 
 @contextlib.contextmanager
 def unlogged() -> Iterator[None]:
-    """MuJoCo's warnings are neither printed nor written to MUJOCO_LOG.TXT: the task finds and counts diverged states."""
+    """MuJoCo's warnings are neither printed nor written to MUJOCO_LOG.TXT: the task finds and counts diverged
+    states.
+    """
     before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
     quiet.logto_file = quiet.logto_console = False
     quiet.set()
@@ -158,8 +160,8 @@ class MujocoBatch:
 def differing_fields(models: Sequence[mujoco.MjModel]) -> list[str]:
     """Names of the model fields that are not the same in every model.
 
-    Raises `InvalidConfig` for another layout or other settings of the simulator (`opt`). `stat.meaninertia` may differ: it
-    scales the tolerance at which the solver stops.
+    Raises `InvalidConfig` for another layout or other settings of the simulator (`opt`). `stat.meaninertia` may differ:
+    it scales the tolerance at which the solver stops.
     """
     first = models[0]
     names = []

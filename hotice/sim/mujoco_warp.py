@@ -31,8 +31,8 @@ _LIMITED = int(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
 class MujocoWarp:
     """`Physics` on MuJoCo Warp; see there for the attributes. Tensors are float32 on the GPU.
 
-    All models share shapes (`geom_type`); sizes, masses and every other parameter may differ. A control step is one CUDA
-    graph. Models with obstacles are scored exactly on the CPU only.
+    All models share shapes (`geom_type`); sizes, masses and every other parameter may differ. A control step is one
+    CUDA graph. Models with obstacles are scored exactly on the CPU only.
 
     Raises:
         InvalidConfig: no environment, models that cannot share a batch, or models with obstacles.
@@ -40,9 +40,13 @@ class MujocoWarp:
     """
 
     def __init__(
-        self, models: Sequence[mujoco.MjModel], num_envs: int, device: torch.device | str,
-        contacts: int = CONTACTS, constraints: int = CONSTRAINTS,
-    ) -> None:  # fmt: skip
+        self,
+        models: Sequence[mujoco.MjModel],
+        num_envs: int,
+        device: torch.device | str,
+        contacts: int = CONTACTS,
+        constraints: int = CONSTRAINTS,
+    ) -> None:
         if num_envs < 1:
             raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
         self.num_envs = num_envs
@@ -116,9 +120,13 @@ class MujocoWarp:
 
     def _state(self) -> dict[str, Tensor]:
         return {
-            "qpos": self.qpos, "qvel": self.qvel, "ctrl": self.ctrl, "warmstart": self._warmstart, "time": self._time,
+            "qpos": self.qpos,
+            "qvel": self.qvel,
+            "ctrl": self.ctrl,
+            "warmstart": self._warmstart,
+            "time": self._time,
             "actuator_force": self.actuator_force,
-        }  # fmt: skip
+        }
 
     def _run(self, substeps: int) -> None:
         """Steps, then brings poses and velocities up to date; on a GPU as one graph, in torch's stream."""

@@ -1,7 +1,7 @@
 """The observation tables: what both actors read (the robot's own sensing) and what the critics see beside it.
 
-Vectors are in the yaw frame Y or the pelvis frame P, so that heading and place in the world do not matter. Every row says
-how it reflects in the sagittal plane, which gives the mirror symmetry of the whole observation for free.
+Vectors are in the yaw frame Y or the pelvis frame P, so that heading and place in the world do not matter. Every row
+says how it reflects in the sagittal plane, which gives the mirror symmetry of the whole observation for free.
 """
 
 from __future__ import annotations
@@ -97,23 +97,29 @@ POLICY: tuple[Observation, ...] = (
     Observation("carry_pos", lambda s: s.grasp.joint_pos, _JOINTS, "20 joint angles of the carry state"),
     Observation("last_action", lambda s: s.action, _JOINTS, "20 actions"),
     Observation(
-        "clock", lambda s: torch.stack([torch.sin(s.phase), torch.cos(s.phase)], dim=1), (np.arange(2), -np.ones(2)),
+        "clock",
+        lambda s: torch.stack([torch.sin(s.phase), torch.cos(s.phase)], dim=1),
+        (np.arange(2), -np.ones(2)),
         "step clock of the left leg",
     ),
     Observation(
-        "command", _command, chain(VECTOR, (np.arange(3), np.array([-1.0, 1.0, 1.0]))),
+        "command",
+        _command,
+        chain(VECTOR, (np.arange(3), np.array([-1.0, 1.0, 1.0]))),
         "c in Y, sine and cosine of the heading error, squashed distance to go",
     ),
     Observation("object_pose", _object_pose, _POSE, "position from the pelvis and two axes of the object, in Y"),
     Observation("object_size", lambda s: 5.0 * s.grasp.half_extents, same(3), "half extents, × 5"),
     Observation("sgf", lambda s: _field(s, s.sgf), _FIELD_SGF, "Standard Guidance Field at nine keypoints"),
     Observation("ogf", lambda s: _field(s, s.ogf), _FIELD_OGF, "Object-Centric Guidance Field at hands and object"),
-)  # fmt: skip
+)
 
 SCAN = Observation(
-    "scan", lambda s: nearness(s.scan), chain(swap([1, 0], same(len(FOOT_POINTS))), same(len(BODY_POINTS))),
+    "scan",
+    lambda s: nearness(s.scan),
+    chain(swap([1, 0], same(len(FOOT_POINTS))), same(len(BODY_POINTS))),
     "nearness of obstacles ahead of feet and body, where the task has the scan",
-)  # fmt: skip
+)
 
 
 _FRAME = chain(PSEUDO, VECTOR, _JOINTS, _JOINTS, _JOINTS)
@@ -122,9 +128,11 @@ _FRAME = chain(PSEUDO, VECTOR, _JOINTS, _JOINTS, _JOINTS)
 def past_rows(steps: int) -> Observation:
     """What was read in the last `steps` control steps, the newest first; zero before the episode began."""
     return Observation(
-        "history", lambda s: s.past, chain(*[_FRAME] * steps),
+        "history",
+        lambda s: s.past,
+        chain(*[_FRAME] * steps),
         f"{' '.join(name for name, _ in history.ROWS)} as read in each of the last {steps} steps",
-    )  # fmt: skip
+    )
 
 
 def policy_rows(scan: bool, history_steps: int = 0) -> tuple[Observation, ...]:
@@ -138,7 +146,9 @@ PRIVILEGED: tuple[Observation, ...] = (
     Observation("root_height", lambda s: 5.0 * (s.p_WP[:, 2:] - 0.74), same(1), "pelvis height over 0.74 m, × 5"),
     Observation("touch", lambda s: s.touch.float(), (np.array([1, 0]), np.ones(2)), "soles on the floor"),
     Observation(
-        "foot_heights", lambda s: 10.0 * s.p_WK[:, FOOT_ENDS, 2], (np.array([1, 0, 3, 2]), np.ones(4)),
+        "foot_heights",
+        lambda s: 10.0 * s.p_WK[:, FOOT_ENDS, 2],
+        (np.array([1, 0, 3, 2]), np.ones(4)),
         "heights of toes and heels, × 10",
     ),
     Observation("object_velocity", lambda s: s.to_yaw_frame(s.v_WO - s.v_WP), VECTOR, "relative to the pelvis, in Y"),
@@ -148,10 +158,12 @@ PRIVILEGED: tuple[Observation, ...] = (
     Observation("time_left", lambda s: s.time_left[:, None], same(1), "share of the episode that is left"),
     Observation("torque", lambda s: s.torque / 50.0, _JOINTS, "servo torques, / 50 N m"),
     Observation(
-        "clearance", lambda s: 5.0 * torch.clamp(torch.stack([s.clearance, s.object_clearance], dim=1), -0.1, 0.4),
-        same(2), "gaps from robot and object to obstacles, clipped, × 5",
+        "clearance",
+        lambda s: 5.0 * torch.clamp(torch.stack([s.clearance, s.object_clearance], dim=1), -0.1, 0.4),
+        same(2),
+        "gaps from robot and object to obstacles, clipped, × 5",
     ),
-)  # fmt: skip
+)
 
 
 class ObservationTable:

@@ -20,17 +20,17 @@ BACKENDS = ("mujoco", "warp")
 class Physics(Protocol):
     """N simulations of models that share one layout (same bodies and joints) and differ in parameters.
 
-    Tensors are live views of the simulator: state tensors may be written, then `forward(ids)` brings the derived ones up
-    to date. World frame, SI units, quaternions wxyz.
+    Tensors are live views of the simulator: state tensors may be written, then `forward(ids)` brings the derived ones
+    up to date. World frame, SI units, quaternions wxyz.
 
     Attributes:
         qpos (N, nq), qvel (N, nv), ctrl (N, nu): state and servo targets, writable.
         xpos (N, B, 3), xmat (N, B, 3, 3): body frames. cvel (N, B, 6): spatial velocity (angular, linear) at `com`.
-        hits: (N, 2) bool, whether robot and object touched an obstacle during the last step, or None where the models hold
-            no obstacles.
-        self_depth: (N,) how deep the robot's parts were in each other at most during the last step [m], or None like `hits`.
-        com (N, B, 3): centre of mass of the subtree below each body. actuator_force (N, nu) [N m] in the last substep,
-            zero after `forward`: a copy.
+        hits: (N, 2) bool, whether robot and object touched an obstacle during the last step, or None where the models
+            hold no obstacles.
+        self_depth: (N,) how deep the robot's parts were in each other at most during the last step [m], or None like
+        `hits`. com (N, B, 3): centre of mass of the subtree below each body. actuator_force (N, nu) [N m] in the last
+            substep, zero after `forward`: a copy.
     """
 
     num_envs: int
@@ -49,8 +49,8 @@ class Physics(Protocol):
     def step(self, substeps: int, target: Tensor | None = None, delay: Tensor | None = None) -> None:
         """Advances all simulations; derived tensors then describe the new state.
 
-        With `target` (N, nu) and `delay` (N,) int64, simulation i keeps its `ctrl` for `delay[i]` physics steps and then takes
-        `target[i]`; where the delay is not shorter than `substeps`, it keeps it.
+        With `target` (N, nu) and `delay` (N,) int64, simulation i keeps its `ctrl` for `delay[i]` physics steps and
+        then takes `target[i]`; where the delay is not shorter than `substeps`, it keeps it.
         """
         ...
 

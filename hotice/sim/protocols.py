@@ -1,7 +1,7 @@
 """Under which physics and which perturbations policies are scored: two protocols, named in every report.
 
-`robot`: what is known to be closest to a robot. `paper`: what a reader of the paper would simulate, to compare with its tables.
-Training has a third, faster physics of its own, see docs/contacts.md.
+`robot`: what is known to be closest to a robot. `paper`: what a reader of the paper would simulate, to compare with its
+tables. Training has a third, faster physics of its own, see docs/contacts.md.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from hotice.sim.perturbations import without as switch_off
 class Protocol:
     """One way to score.
 
-    physics_dt_s: largest physics step [s]. elliptic: elliptic friction cones, solved to convergence, else pyramids with the
-    solver settings of training. dynamics: robots of perturbed trials; nominal: the robot of unperturbed ones.
+    physics_dt_s: largest physics step [s]. elliptic: elliptic friction cones, solved to convergence, else pyramids with
+    the solver settings of training. dynamics: robots of perturbed trials; nominal: the robot of unperturbed ones.
     """
 
     name: str
@@ -43,9 +43,11 @@ class Protocol:
         """
         substeps = math.ceil(task.control_dt_s / self.physics_dt_s - 1e-9)
         known = replace(
-            task.perturbed() if perturbed else task, dynamics=self.dynamics if perturbed else self.nominal,
-            physics_dt_s=task.control_dt_s / substeps, substeps=substeps,
-        )  # fmt: skip
+            task.perturbed() if perturbed else task,
+            dynamics=self.dynamics if perturbed else self.nominal,
+            physics_dt_s=task.control_dt_s / substeps,
+            substeps=substeps,
+        )
         return switch_off(known, without, self.nominal)
 
 

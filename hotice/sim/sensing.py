@@ -1,8 +1,8 @@
 """What stands between the simulated state and the actor: noise, delays and a root pose that is refreshed now and then.
 
-Rewards, critics and terminations read the true snapshot; the actor reads what `Sensors.measure` makes of it. The estimate of
-the object is one: its pose in the observation and the points where its field is queried agree. All zero (teachers), the
-actor reads the truth.
+Rewards, critics and terminations read the true snapshot; the actor reads what `Sensors.measure` makes of it. The
+estimate of the object is one: its pose in the observation and the points where its field is queried agree. All zero
+(teachers), the actor reads the truth.
 """
 
 from __future__ import annotations
@@ -36,14 +36,22 @@ _STATE = ("root", "velocity", "gravity", "object", "age", "action_delay", "late"
 class Sensors:
     """Estimates of N environments.
 
-    `guide(motion, ids)` gives the guidance part of a snapshot at a (measured) motion; `never_late` (O,) bool marks the columns
-    of the observation that are known rather than measured; `moved`: which keypoints each joint moves (`hotice.sim.kinematics`).
+    `guide(motion, ids)` gives the guidance part of a snapshot at a (measured) motion; `never_late` (O,) bool marks the
+    columns of the observation that are known rather than measured; `moved`: which keypoints each joint moves
+    (`hotice.sim.kinematics`).
     """
 
     def __init__(
-        self, config: SensingConfig, num_envs: int, control_dt_s: float, substeps: int, device: torch.device,
-        guide: Callable[[Motion, Tensor], dict[str, Any]], never_late: Tensor, moved: list[list[int]],
-    ) -> None:  # fmt: skip
+        self,
+        config: SensingConfig,
+        num_envs: int,
+        control_dt_s: float,
+        substeps: int,
+        device: torch.device,
+        guide: Callable[[Motion, Tensor], dict[str, Any]],
+        never_late: Tensor,
+        moved: list[list[int]],
+    ) -> None:
         self.config, self.guide, self.moved = config, guide, moved
         self.hold_steps = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
         self.longest_delay = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
@@ -95,7 +103,9 @@ class Sensors:
         return read
 
     def measure(self, s: Snapshot, ids: Tensor, joint_offset: Tensor, generator: torch.Generator) -> Snapshot:
-        """The snapshot (n, ...) of environments `ids` as their robots know it; `joint_offset` (n, 20) of the encoders [rad]."""
+        """The snapshot (n, ...) of environments `ids` as their robots know it; `joint_offset` (n, 20) of the encoders
+        [rad].
+        """
         cfg = self.config
 
         def noise(like: Tensor, half: float) -> Tensor:
@@ -128,11 +138,18 @@ class Sensors:
         arms = torch.where(s.grasp.world_aligned[:, None, None], arms, arms @ (R_EW @ R_tilt).transpose(1, 2))
         p_WO = p_WP + (R_EW @ p_PO[:, :, None]).squeeze(-1)
         motion = {
-            "p_WP": p_WP, "yaw": yaw, "R_WP": R_EP, "p_WK": moved(p_WK), "p_WO": p_WO,
-            "p_WOK": p_WO[:, None] + arms, "R_WO": R_EW @ R_tilt @ s.R_WO,
-            "q": s.q + joint_error, "qd": s.qd + noise(s.qd, cfg.joint_vel_rad_s),
-            "gravity_P": gravity, "w_WP_P": gyro,
-        }  # fmt: skip
+            "p_WP": p_WP,
+            "yaw": yaw,
+            "R_WP": R_EP,
+            "p_WK": moved(p_WK),
+            "p_WO": p_WO,
+            "p_WOK": p_WO[:, None] + arms,
+            "R_WO": R_EW @ R_tilt @ s.R_WO,
+            "q": s.q + joint_error,
+            "qd": s.qd + noise(s.qd, cfg.joint_vel_rad_s),
+            "gravity_P": gravity,
+            "w_WP_P": gyro,
+        }
         measured = replace(s, **motion)
         return replace(measured, **self.guide(measured, ids))
 
@@ -152,7 +169,9 @@ class Sensors:
         return torch.where(self._due(ids), seen, self.root[ids])
 
     def _tracked(self, ids: Tensor, seen: Tensor, turning: Tensor) -> Tensor:
-        """The root (n, 5), moved on with its velocity and turned by the gyro, `turning` (n,) [rad/s]; corrected where due."""
+        """The root (n, 5), moved on with its velocity and turned by the gyro, `turning` (n,) [rad/s]; corrected where
+        due.
+        """
         root, velocity, due = self.root[ids], self.velocity[ids], self._due(ids)
         place = root[:, :3] + velocity * self.dt_s
         yaw = torch.atan2(root[:, 3], root[:, 4]) + turning * self.dt_s
@@ -172,7 +191,9 @@ class Sensors:
         return (self.age[ids] % self.hold_steps == 0)[:, None]
 
     def _filtered(self, s: Snapshot, ids: Tensor, p_PO: Tensor, R_WO: Tensor) -> tuple[Tensor, Tensor]:
-        """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object, both in W, after the newest measurement."""
+        """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object, both in W, after the newest
+        measurement.
+        """
         newest = torch.cat([p_PO[:, None], R_WO[:, :, :2].transpose(1, 2)], dim=1) @ s.R_WP
         gain = torch.clamp(1.0 / self.age[ids], min=self.gain)[:, None, None]
         estimate = torch.lerp(self.object[ids], newest, gain)

@@ -1,7 +1,8 @@
 """Everything the task knows of one instant, read from the simulator once.
 
-`Snapshot` alone reads simulator data; rewards, observations and terminations are functions of it. Tensors are float32 with
-leading axis N (environments). Frames: W world, P pelvis, Y pelvis position with heading only (yaw frame), O object.
+`Snapshot` alone reads simulator data; rewards, observations and terminations are functions of it. Tensors are float32
+with leading axis N (environments). Frames: W world, P pelvis, Y pelvis position with heading only (yaw frame), O
+object.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ class Memory:
     """State of the task that outlasts a step; the environment updates it in one place.
 
     action, last_action (N, 20); phase (N,) [rad] of the left leg's step clock; step (N,) control steps so far;
-    scene (N,) and model (N,) ids; past (N, H) what the actors read in the steps before, frames of `hotice.model.history`,
-    the newest first; true_past (N, H) the same without noise and delay, which critics and teachers read.
+    scene (N,) and model (N,) ids; past (N, H) what the actors read in the steps before, frames of
+    `hotice.model.history`, the newest first; true_past (N, H) the same without noise and delay, which critics and
+    teachers read.
     """
 
     action: Tensor
@@ -56,10 +58,13 @@ class Memory:
         return cls(
             action=torch.zeros(num_envs, n_action, device=device),
             last_action=torch.zeros(num_envs, n_action, device=device),
-            phase=torch.zeros(num_envs, device=device), step=step, scene=scene, model=model,
+            phase=torch.zeros(num_envs, device=device),
+            step=step,
+            scene=scene,
+            model=model,
             past=torch.zeros(num_envs, history_steps * history.FRAME, device=device),
             true_past=torch.zeros(num_envs, history_steps * history.FRAME, device=device),
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,12 +135,13 @@ class Snapshot(Motion):
     """One instant of N environments. Positions [m], velocities [m/s, rad/s], in the frame that the name gives.
 
     `sgf` holds the Standard Guidance Field at the nine robot keypoints; `ogf` the field of hands and object at
-    (left hand, right hand, eight object keypoints). `c_W` (N, 3) is the navigation command c; its horizontal part has the
-    commanded speed. `touch` (N, 2): soles on the floor.
-    `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `clearance_ahead` (N,): the same of
-    upper body and object together, where they will be after `LOOK_AHEAD_S` at the commanded velocity. `robot_hit` and
-    `object_hit` (N,) bool: collisions, from the cover in training and from exact geometry in evaluation. `scan` (N, 40):
-    signed distances at the points of `hotice.model.scan` [m], or (N, 0) where the task has none. `past` (N, H): as in `Memory`.
+    (left hand, right hand, eight object keypoints). `c_W` (N, 3) is the navigation command c; its horizontal part has
+    the commanded speed. `touch` (N, 2): soles on the floor.
+    `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `clearance_ahead` (N,): the
+    same of upper body and object together, where they will be after `LOOK_AHEAD_S` at the commanded velocity.
+    `robot_hit` and `object_hit` (N,) bool: collisions, from the cover in training and from exact geometry in
+    evaluation. `scan` (N, 40): signed distances at the points of `hotice.model.scan` [m], or (N, 0) where the task has
+    none. `past` (N, H): as in `Memory`.
     """
 
     sgf: FieldSample
@@ -197,13 +203,24 @@ def read_motion(
     w_WO, v_WO = cvel[:, o, :3], qvel[:, layout.object_v : layout.object_v + 3]
     spin = torch.where(grasp.world_aligned[:, None], torch.zeros_like(w_WO), w_WO)
     motion = Motion(
-        p_WP=xpos[:, p], R_WP=R_WP, yaw=torch.atan2(R_WP[:, 1, 0], R_WP[:, 0, 0]),
-        v_WP=qvel[:, :3], w_WP_P=qvel[:, 3:6], gravity_P=-R_WP[:, 2],
-        q=qpos[:, layout.q], qd=qvel[:, layout.qd],
+        p_WP=xpos[:, p],
+        R_WP=R_WP,
+        yaw=torch.atan2(R_WP[:, 1, 0], R_WP[:, 0, 0]),
+        v_WP=qvel[:, :3],
+        w_WP_P=qvel[:, 3:6],
+        gravity_P=-R_WP[:, 2],
+        q=qpos[:, layout.q],
+        qd=qvel[:, layout.qd],
         joint_axis_W=(R_WJ @ layout.joint_axis[:, :, None]).squeeze(-1),
         joint_anchor_W=xpos[:, layout.joint_body] + (R_WJ @ layout.joint_offset[:, :, None]).squeeze(-1),
         torque=take(physics.actuator_force),
-        p_WK=p_WK, v_WK=v_WK, p_WO=p_WO, R_WO=R_WO, v_WO=v_WO, w_WO=w_WO,
-        p_WOK=p_WO[:, None] + arm_WO, v_WOK=v_WO[:, None] + torch.linalg.cross(spin[:, None].expand_as(arm_WO), arm_WO),
-    )  # fmt: skip
+        p_WK=p_WK,
+        v_WK=v_WK,
+        p_WO=p_WO,
+        R_WO=R_WO,
+        v_WO=v_WO,
+        w_WO=w_WO,
+        p_WOK=p_WO[:, None] + arm_WO,
+        v_WOK=v_WO[:, None] + torch.linalg.cross(spin[:, None].expand_as(arm_WO), arm_WO),
+    )
     return motion, xpos, xmat

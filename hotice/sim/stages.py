@@ -1,7 +1,7 @@
 """What a curriculum may hold back at first: starts far from the goal, and large objects.
 
-Nothing here is random by itself or learns; `hotice.learn.curriculum.Stages` says how much is allowed. What the starts are is in
-`hotice.sim.starts`.
+Nothing here is random by itself or learns; `hotice.learn.curriculum.Stages` says how much is allowed. What the starts
+are is in `hotice.sim.starts`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from hotice.sim.snapshot import Grasp
 
 
 class NearStarts:
-    """Places of S scenes in the order of their way to the goal; those within `limit_m` may be drawn, at least the nearest.
+    """Places of S scenes in the order of their way to the goal; those within `limit_m` may be drawn, at least the
+    nearest.
 
     Args:
         bank: the scenes' fields.

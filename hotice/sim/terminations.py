@@ -1,4 +1,6 @@
-"""What ends an episode: a table of pure functions of a `Snapshot`, each (N,) bool. The first that holds is the outcome."""
+"""What ends an episode: a table of pure functions of a `Snapshot`, each (N,) bool. The first that holds is the
+outcome.
+"""
 
 from __future__ import annotations
 

@@ -28,11 +28,14 @@ def _travelling(s: Snapshot) -> Tensor:
 
 
 def _at_command(s: Snapshot) -> Tensor:
-    """The object-centric field at the commanded speed, so that F − c vanishes where no obstacle bends it, (N, 10, 3)."""
+    """The object-centric field at the commanded speed, so that F − c vanishes where no obstacle bends it, (N, 10,
+    3).
+    """
     return s.ogf.force_W * (s.speed / ETA)[:, None, None]
 
 
-# shared: potential fields and lifting -----------------------------------------------------------------------------------
+# shared: potential fields and lifting
+# -----------------------------------------------------------------------------------
 
 
 def sgf_head(s: Snapshot) -> Tensor:
@@ -71,10 +74,11 @@ def clearance(s: Snapshot) -> Tensor:
 
 
 def clearance_ahead(s: Snapshot) -> Tensor:
-    """How far upper body and object, moved on as commanded, would intrude into the last 5 cm before an obstacle, and into it.
+    """How far upper body and object, moved on as commanded, would intrude into the last 5 cm before an obstacle, and
+    into it.
 
-    0 to 4, 20 cm deep. Whether a body passes a beam or a table edge shows only when it is there: this tells on the way how
-    much lower or farther aside it has to be.
+    0 to 4, 20 cm deep. Whether a body passes a beam or a table edge shows only when it is there: this tells on the way
+    how much lower or farther aside it has to be.
     """
     return torch.clamp(1.0 - s.clearance_ahead / 0.05, 0.0, 4.0)
 
@@ -83,7 +87,8 @@ def _intrusion(distance: Tensor) -> Tensor:
     return torch.clamp(1.0 - distance / 0.05, 0.0, 2.0)
 
 
-# lower body: locomotion and balance -------------------------------------------------------------------------------------
+# lower body: locomotion and balance
+# -------------------------------------------------------------------------------------
 
 
 def progress(s: Snapshot) -> Tensor:
@@ -153,7 +158,9 @@ def flight(s: Snapshot) -> Tensor:
 
 
 def swing_height(s: Snapshot) -> Tensor:
-    """Squared lack of height of the lower of toe and heel against the clock's, of the swinging foot; more by obstacles."""
+    """Squared lack of height of the lower of toe and heel against the clock's, of the swinging foot; more by
+    obstacles.
+    """
     lowest = torch.minimum(s.p_WK[:, TOES, 2], s.p_WK[:, HEELS, 2])
     near = torch.clamp((0.25 - s.sgf.signed_distance[:, FEET]) / 0.15, 0.0, 1.0)
     error = (torch.clamp(s.swing * (1.0 + 0.6 * near) - lowest, min=0.0) / 0.10).square()
@@ -191,7 +198,8 @@ def leg_torque(s: Snapshot) -> Tensor:
     return (s.torque[:, g1.LOWER] / 100.0).square().sum(dim=1)
 
 
-# upper body: reaching and grasp -----------------------------------------------------------------------------------------
+# upper body: reaching and grasp
+# -----------------------------------------------------------------------------------------
 
 
 def hand_reach(s: Snapshot) -> Tensor:

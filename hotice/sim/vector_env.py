@@ -24,10 +24,10 @@ from hotice.sim.terminations import OUTCOMES
 class HoticeVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """N transport tasks with NumPy arrays in and out.
 
-    Observation: `Box(O,)` float32, what the actors read (`hotice tables` lists it). Action: `Box(20,)` float32 within ± the
-    task's `action_limit`, offsets of the joint targets in action units, legs first. Reward (N,): the sum of the agents'
-    reward streams; with two agents a shared term therefore counts twice, once a stream. The streams themselves are
-    `info["agent_rewards"]` (N, A), in the order of `agents`.
+    Observation: `Box(O,)` float32, what the actors read (`hotice tables` lists it). Action: `Box(20,)` float32 within ±
+    the task's `action_limit`, offsets of the joint targets in action units, legs first. Reward (N,): the sum of the
+    agents' reward streams; with two agents a shared term therefore counts twice, once a stream. The streams themselves
+    are `info["agent_rewards"]` (N, A), in the order of `agents`.
 
     Info of a step, each with a mask `_key` of the rows it holds for: `agent_rewards` (N, A), `critic` (N, C) privileged
     observations. Where an episode ended: `final_obs`, an object array of observations (O,) before the restart, and

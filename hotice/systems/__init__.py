@@ -17,9 +17,13 @@ if TYPE_CHECKING:
     from hotice.systems.station_config import StationConfig
 
 _LAZY = {
-    "Station": "station", "StationConfig": "station_config", "make_station": "station",
-    "read_logs": "recording", "write_diagram": "recording", "write_html": "recording",
-}  # fmt: skip
+    "Station": "station",
+    "StationConfig": "station_config",
+    "make_station": "station",
+    "read_logs": "recording",
+    "write_diagram": "recording",
+    "write_html": "recording",
+}
 
 __all__ = ["Station", "StationConfig", "make_station", "read_logs", "write_diagram", "write_html"]
 

@@ -39,16 +39,26 @@ def measurement_of(
 
     def quat(q: Array) -> Array:
         w, i, j, k = q
-        return np.array([turn[0] * w - turn[3] * k, turn[0] * i - turn[3] * j, turn[0] * j + turn[3] * i,
-                         turn[0] * k + turn[3] * w])  # fmt: skip
+        return np.array(
+            [turn[0] * w - turn[3] * k, turn[0] * i - turn[3] * j, turn[0] * j + turn[3] * i, turn[0] * k + turn[3] * w]
+        )
 
     force = contact_force.reshape(4, 3) @ R_GW.T
     return Measurement(
-        time_s=time_s, joint_pos=state[JOINT_POS], joint_vel=state[JOINT_VEL],
-        p_WP=R_GW @ (state[:3] - p_WG), quat_WP=quat(state[3:7]), v_WP=R_GW @ state[NQ : NQ + 3],
-        w_WP_P=state[NQ + 3 : NQ + 6].copy(), p_WO=R_GW @ (state[36:39] - p_WG), quat_WO=quat(state[39:43]),
-        v_WO=R_GW @ state[NQ + 35 : NQ + 38], w_WO_O=state[NQ + 38 :].copy(), foot_force_W=force[:2], hand_force_W=force[2:],
-    )  # fmt: skip
+        time_s=time_s,
+        joint_pos=state[JOINT_POS],
+        joint_vel=state[JOINT_VEL],
+        p_WP=R_GW @ (state[:3] - p_WG),
+        quat_WP=quat(state[3:7]),
+        v_WP=R_GW @ state[NQ : NQ + 3],
+        w_WP_P=state[NQ + 3 : NQ + 6].copy(),
+        p_WO=R_GW @ (state[36:39] - p_WG),
+        quat_WO=quat(state[39:43]),
+        v_WO=R_GW @ state[NQ + 35 : NQ + 38],
+        w_WO_O=state[NQ + 38 :].copy(),
+        foot_force_W=force[:2],
+        hand_force_W=force[2:],
+    )
 
 
 class _Held:
@@ -66,9 +76,9 @@ class _Held:
 class ControllerSystem(LeafSystem):
     """Steps the controller by a periodic unrestricted update at its own rate; its memory is abstract state.
 
-    Inputs `robot_state` (84,), `contact_force` (12,); `active` (1,), optional: while it is 0 the controller rests. Outputs
-    `torque` (20,) [N m], held between steps; `phase` (1,): index into `phases`, -1 for another; `faults` (1,): steps that
-    were answered with a fallback.
+    Inputs `robot_state` (84,), `contact_force` (12,); `active` (1,), optional: while it is 0 the controller rests.
+    Outputs `torque` (20,) [N m], held between steps; `phase` (1,): index into `phases`, -1 for another; `faults` (1,):
+    steps that were answered with a fallback.
 
     Args:
         controller: started at the first step.
@@ -78,9 +88,12 @@ class ControllerSystem(LeafSystem):
     """
 
     def __init__(
-        self, controller: Controller, phases: Sequence[str], torque: Array,
+        self,
+        controller: Controller,
+        phases: Sequence[str],
+        torque: Array,
         origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__()
         rate = float(controller.rate_hz)
         if not (np.isfinite(rate) and rate > 0):

@@ -78,10 +78,13 @@ def _draw_wire(ax, start: tuple[int, int], end: tuple[int, int], boxes: tuple, l
     a, b = np.array([DX * start[0], -DY * start[1]]), np.array([DX * end[0], -DY * end[1]])
     bend = 0.0 if end[0] == start[0] + 1 else -AHEAD if end[0] > start[0] else -BACK
     ax.annotate(
-        "", xy=b, xytext=a, zorder=2,
+        "",
+        xy=b,
+        xytext=a,
+        zorder=2,
         arrowprops=dict(
             arrowstyle="-|>", color="#7a8798", connectionstyle=f"arc3,rad={bend}", patchA=boxes[0], patchB=boxes[1]
         ),
-    )  # fmt: skip
+    )
     normal = np.array([b[1] - a[1], a[0] - b[0]]) * bend
     ax.text(*(0.5 * (a + b) + 0.5 * normal + [0.0, 0.06]), label, ha="center", fontsize=7, color="#41546b", zorder=5)

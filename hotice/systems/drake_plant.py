@@ -21,7 +21,7 @@ from pydrake.geometry import (
     RoleAssign,
     SceneGraph,
     Shape,
-)  # fmt: skip
+)
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
@@ -48,8 +48,8 @@ STIFFNESS_N_M, DISSIPATION_S_M = 5e4, 10.0
 FLOOR_M = (100.0, 100.0, 1.0)
 """A box: Drake warns of half spaces."""
 FRICTION = {"object": 2.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "trunk": 0.5, "robot": 1.0}
-"""Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palm and object 2, sole and floor 1, trunk and object 0.8. On floor
-and obstacles the object has 1.33, in MuJoCo 0.8: no mean gives all four."""
+"""Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palm and object 2, sole and floor 1, trunk and object
+0.8. On floor and obstacles the object has 1.33, in MuJoCo 0.8: no mean gives all four."""
 
 
 class DrakePlant(Diagram):
@@ -71,13 +71,15 @@ class DrakePlant(Diagram):
 
     def __init__(
         self, scene: Scene, carried: CarriedObject, wrist_pos: Array, qpos: Array, time_step_s: float, servo: bool
-    ) -> None:  # fmt: skip
+    ) -> None:
         Diagram.__init__(self)
         builder = DiagramBuilder()
         config = MultibodyPlantConfig(
-            time_step=time_step_s, contact_model="point", discrete_contact_approximation="lagged",
+            time_step=time_step_s,
+            contact_model="point",
+            discrete_contact_approximation="lagged",
             use_sampled_output_ports=False,
-        )  # fmt: skip
+        )
         plant, scene_graph = AddMultibodyPlant(config, builder)
         (robot,) = models.add_to_plant(plant, 20, wrist_pos)
         groups, meeting = _robot_geometry(plant, scene_graph)
@@ -153,15 +155,20 @@ class _ContactForces(LeafSystem):
 def _properties(kind: str) -> ProximityProperties:
     properties, mu = ProximityProperties(), FRICTION[kind]
     AddContactMaterial(
-        dissipation=DISSIPATION_S_M, point_stiffness=STIFFNESS_N_M, friction=CoulombFriction(mu, mu), properties=properties
-    )  # fmt: skip
+        dissipation=DISSIPATION_S_M,
+        point_stiffness=STIFFNESS_N_M,
+        friction=CoulombFriction(mu, mu),
+        properties=properties,
+    )
     return properties
 
 
 def _robot_geometry(
     plant: MultibodyPlant, scene_graph: SceneGraph
 ) -> tuple[dict[str, list[GeometryId]], list[tuple[GeometryId, GeometryId]]]:
-    """The robot's geometries: all, those that floor or object do not meet, and pairs that do meet; sets their materials."""
+    """The robot's geometries: all, those that floor or object do not meet, and pairs that do meet; sets their
+    materials.
+    """
     bits = {}
     model = models.robot_spec(20).compile()
     for i in range(model.ngeom):
@@ -202,8 +209,10 @@ def _filter(
 def _add_object(plant: MultibodyPlant, carried: CarriedObject) -> GeometryId:
     unit = UnitInertia(*(np.array(carried.inertia_diag_kgm2) / carried.mass_kg))
     body = plant.AddRigidBody(
-        models.OBJECT_BODY, plant.AddModelInstance(models.OBJECT_BODY), SpatialInertia(carried.mass_kg, np.zeros(3), unit)
-    )  # fmt: skip
+        models.OBJECT_BODY,
+        plant.AddModelInstance(models.OBJECT_BODY),
+        SpatialInertia(carried.mass_kg, np.zeros(3), unit),
+    )
     shape = primitive(*carried.mujoco_geom())
     plant.RegisterVisualGeometry(body, RigidTransform(), shape, "object", np.array([0.80, 0.60, 0.35, 1.0]))
     return plant.RegisterCollisionGeometry(body, RigidTransform(), shape, "object", _properties("object"))

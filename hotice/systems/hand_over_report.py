@@ -1,4 +1,6 @@
-"""What the logs of a station tell of its hand-over: when, to whom and why, and whether the object stayed in the hands."""
+"""What the logs of a station tell of its hand-over: when, to whom and why, and whether the object stayed in the
+hands.
+"""
 
 from __future__ import annotations
 
@@ -80,11 +82,13 @@ def report_hand_over(station: Station, logs: Mapping[str, SignalLog]) -> HandOve
     first, tried = int(after[0]), int(logs["mode_selector.walk_verdict"].value[-1, 0])
     failure, row = _failure(station, state[first:, :NQ])
     return HandOverReport(
-        who=MODES[int(mode.value[-1, 0])], time_s=float(mode.time_s[first]),
-        verdict=VERDICTS[max(int(logs["mode_selector.verdict"].value[-1, 0]), 0)], failure=failure,
+        who=MODES[int(mode.value[-1, 0])],
+        time_s=float(mode.time_s[first]),
+        verdict=VERDICTS[max(int(logs["mode_selector.verdict"].value[-1, 0]), 0)],
+        failure=failure,
         failed_s=float(mode.time_s[first + row] - mode.time_s[first]) if failure else None,
         walk_verdict=VERDICTS[tried] if tried >= 0 else "",
-    )  # fmt: skip
+    )
 
 
 def _failure(station: Station, qpos: np.ndarray) -> tuple[str, int]:

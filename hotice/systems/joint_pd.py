@@ -29,7 +29,9 @@ def pd_torque(target: Array, q: Array, qd: Array, kp: Array, kd: Array, limit: A
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointServo:
-    """Gains kp [N m/rad] and kd [N m s/rad], torque limit [N m] and error of the encoder [rad] of the actuated joints, (20,)."""
+    """Gains kp [N m/rad] and kd [N m s/rad], torque limit [N m] and error of the encoder [rad] of the actuated joints,
+    (20,).
+    """
 
     kp: Array
     kd: Array
@@ -46,13 +48,17 @@ class JointServo:
     def of_model(cls, model: mujoco.MjModel) -> JointServo:
         """Of the position servos of a model of `builder.build_model`, perturbed or not."""
         return cls(
-            kp=model.actuator_gainprm[:, 0].copy(), kd=-model.actuator_biasprm[:, 2],
-            limit=model.actuator_forcerange[:, 1].copy(), offset=joint_offset(model),
-        )  # fmt: skip
+            kp=model.actuator_gainprm[:, 0].copy(),
+            kd=-model.actuator_biasprm[:, 2],
+            limit=model.actuator_forcerange[:, 1].copy(),
+            offset=joint_offset(model),
+        )
 
     @classmethod
     def commanding(cls, model: mujoco.MjModel) -> JointServo:
-        """The same, closed around motors of the drawn strength (`station_plant.to_motors`): in torques as they are commanded."""
+        """The same, closed around motors of the drawn strength (`station_plant.to_motors`): in torques as they are
+        commanded.
+        """
         servo = cls.of_model(model)
         strength = servo.limit / torque_limits()
         return cls(kp=servo.kp / strength, kd=servo.kd / strength, limit=servo.limit / strength, offset=servo.offset)
@@ -61,8 +67,8 @@ class JointServo:
 class JointPd(Diagram):
     """Inputs `joint_target` (20,) [rad] and `joint_state` (40,) q [rad], q̇ [rad/s]; output `torque` (20,) [N m].
 
-    `servo`: default those of `g1.gains`; what it reads is off by its offset. Made of Drake's own blocks, so that the torque loop
-    runs without Python; bit for bit `pd_torque`.
+    `servo`: default those of `g1.gains`; what it reads is off by its offset. Made of Drake's own blocks, so that the
+    torque loop runs without Python; bit for bit `pd_torque`.
     """
 
     def __init__(self, servo: JointServo | None = None) -> None:

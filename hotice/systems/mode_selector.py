@@ -1,4 +1,5 @@
-"""Who commands: the pick-up until the object is held, then the policy, or the walking baseline where the policy is not fit.
+"""Who commands: the pick-up until the object is held, then the policy, or the walking baseline where the policy is not
+fit.
 
 Where neither is, the pick-up goes on holding the object.
 """
@@ -52,19 +53,22 @@ def blend(pickup: Array, carry: Array, share: float) -> Array:
 class ModeSelector(LeafSystem):
     """Inputs `pickup_torque`, `carry_torque` (20,) [N m], `phase` (1,) of the pick-up, `contact_force` (12,).
 
-    With `rehearse` also `walk_torque` (20,) and `robot_state` (84,): the policy takes over only where its rehearsal from the
-    present state ends with verdict 0; else the walking baseline does, if `rehearse_walk` ends so (None: in any case); else
-    mode `hold` is left to the pick-up for good.
+    With `rehearse` also `walk_torque` (20,) and `robot_state` (84,): the policy takes over only where its rehearsal
+    from the present state ends with verdict 0; else the walking baseline does, if `rehearse_walk` ends so (None: in any
+    case); else mode `hold` is left to the pick-up for good.
 
-    Outputs `torque` (20,) [N m]; `mode` (1,): index into `MODES`; `carry_active`, `walk_active` (1,): 1 while policy or baseline
-    commands, which rest until then; `verdict`, `walk_verdict` (1,): of the rehearsals, -1 before them; `fallbacks` (1,):
-    hand-overs that went to the baseline. The mode never goes back. Checked every `period_s`.
+    Outputs `torque` (20,) [N m]; `mode` (1,): index into `MODES`; `carry_active`, `walk_active` (1,): 1 while policy or
+    baseline commands, which rest until then; `verdict`, `walk_verdict` (1,): of the rehearsals, -1 before them;
+    `fallbacks` (1,): hand-overs that went to the baseline. The mode never goes back. Checked every `period_s`.
     """
 
     def __init__(
-        self, rule: HandOver, period_s: float, rehearse: Callable[[Array], int] | None = None,
+        self,
+        rule: HandOver,
+        period_s: float,
+        rehearse: Callable[[Array], int] | None = None,
         rehearse_walk: Callable[[Array], int] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__()
         self.rule, self._rehearse, self._rehearse_walk = rule, rehearse, rehearse_walk
         self._mode = self.DeclareDiscreteState([PICKUP])

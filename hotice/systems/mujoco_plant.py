@@ -25,11 +25,11 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 class MujocoPlant(LeafSystem):
     """A compiled model whose whole state is one flat vector in the Context; `MjData` is scratch.
 
-    The vector is MuJoCo's `mjSTATE_INTEGRATION` (time, qpos, qvel, warm start, controls, ...): stepping is bitwise that of
-    `mj_step` in a loop, and a cloned Context replays identically.
+    The vector is MuJoCo's `mjSTATE_INTEGRATION` (time, qpos, qvel, warm start, controls, ...): stepping is bitwise that
+    of `mj_step` in a loop, and a cloned Context replays identically.
 
-    Input `actuation` (nu,): what the model's actuators take: torques [N m] of motors, targets [rad] of position servos or, with
-    `servo`, of `pd_torque`, which then commands the motors anew at every time step of the model.
+    Input `actuation` (nu,): what the model's actuators take: torques [N m] of motors, targets [rad] of position servos
+    or, with `servo`, of `pd_torque`, which then commands the motors anew at every time step of the model.
     `push` (3,), with `pushed`: see `hotice.systems.pushes`; felt by the step that begins at its time.
     Outputs `state` (nq + nv,): qpos and qvel; `contact_force` (12,): see `signals`, under the last controls;
     `full_state` (n,): the flat vector itself.
@@ -42,9 +42,14 @@ class MujocoPlant(LeafSystem):
     """
 
     def __init__(
-        self, model: mujoco.MjModel, qpos: ArrayLike, ctrl: ArrayLike, period_s: float | None = None,
-        servo: JointServo | None = None, pushed: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        model: mujoco.MjModel,
+        qpos: ArrayLike,
+        ctrl: ArrayLike,
+        period_s: float | None = None,
+        servo: JointServo | None = None,
+        pushed: bool = False,
+    ) -> None:
         super().__init__()
         self.model = model
         self._data, self._scratch = mujoco.MjData(model), mujoco.MjData(model)
@@ -133,9 +138,8 @@ class MujocoPlant(LeafSystem):
             contact = data.contact[i]
             bodies = model.geom_bodyid[contact.geom]
             mujoco.mj_contactForce(model, data, i, wrench)
-            on_second_W = (
-                contact.frame.reshape(3, 3).T @ wrench[:3]
-            )  # its x axis points from the first geom to the second
+            # its x axis points from the first geom to the second
+            on_second_W = contact.frame.reshape(3, 3).T @ wrench[:3]
             for body, sign in zip(bodies, (-1.0, 1.0), strict=True):
                 if int(body) in self._touching:
                     force[self._touching[int(body)]] += sign * on_second_W

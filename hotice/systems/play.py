@@ -31,7 +31,9 @@ class Run:
 
 
 def play_station(station: Station, seconds: float) -> Run:
-    """Runs a station that logs, after its pick-up for at most `seconds`; a run ends a moment after success, fall or drop."""
+    """Runs a station that logs, after its pick-up for at most `seconds`; a run ends a moment after success, fall or
+    drop.
+    """
     simulator = Simulator(station)
     context = simulator.get_context()
     adaptor = station.GetSubsystemByName("state_adaptor")

@@ -22,19 +22,19 @@ from hotice.systems.signals import GUIDANCE, NUM_JOINTS, PERCEPT
 
 Array = NDArray[np.float64]
 TARGET, MEMORY = range(2)
-"""Groups of the state: joint target (20,) [rad]; last action (20,), the target before (20,) [rad], step clock [rad], time
-of the action [s] and, for a policy with a history, what was read in the steps before."""
+"""Groups of the state: joint target (20,) [rad]; last action (20,), the target before (20,) [rad], step clock [rad],
+time of the action [s] and, for a policy with a history, what was read in the steps before."""
 ACTION, HELD, PHASE, SINCE, PAST = slice(0, 20), slice(20, 40), 40, 41, slice(42, None)
 
 
 class PolicySystem(LeafSystem):
     """Acts every control period.
 
-    By a periodic *unrestricted* update, which Drake runs before the discrete updates of the same instant: the plant's step
-    that begins now feels the action made from the state now.
+    By a periodic *unrestricted* update, which Drake runs before the discrete updates of the same instant: the plant's
+    step that begins now feels the action made from the state now.
 
-    Inputs `percept` (119,), `guidance` (122,); `active` (1,), optional: while it is 0 the policy rests, its clock stands and
-    the target is the carry state's. Outputs `joint_target` (20,) [rad], absolute; `action` (20,), unitless.
+    Inputs `percept` (119,), `guidance` (122,); `active` (1,), optional: while it is 0 the policy rests, its clock
+    stands and the target is the carry state's. Outputs `joint_target` (20,) [rad], absolute; `action` (20,), unitless.
     The state holds the last action, the last two targets, the step clock, when the action was made and the history.
 
     Args:

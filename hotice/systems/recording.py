@@ -66,8 +66,8 @@ def to_record(
 ) -> RolloutRecord:
     """The logged rollout as the project's record.
 
-    `outcome`: as in `hotice.replay.rollout.OUTCOMES`, default: judged; `policy`: what acted, default the controller's name.
-    Raises `NotAvailable` for a station that does not log.
+    `outcome`: as in `hotice.replay.rollout.OUTCOMES`, default: judged; `policy`: what acted, default the controller's
+    name. Raises `NotAvailable` for a station that does not log.
     """
     logs = read_logs(station, context)
     state = logs["state_adaptor.robot_state"]
@@ -78,12 +78,17 @@ def to_record(
     if station.pick is not None:
         qpos = qpos[_carried_from(logs["pickup.phase"], len(qpos)) :]
     return RolloutRecord.from_states(
-        model, state.value[:, :NQ], scene=station.world, carried=station.carry.carried, time_s=state.time_s,
-        outcome=outcome or judge(station, qpos), policy=policy or station.controller_name,
+        model,
+        state.value[:, :NQ],
+        scene=station.world,
+        carried=station.carry.carried,
+        time_s=state.time_s,
+        outcome=outcome or judge(station, qpos),
+        policy=policy or station.controller_name,
         arrow_pos_W=np.stack([np.concatenate([p.p_WK, p.p_WOK]) for p in percepts]),
         arrow_force_W=np.stack([r.force_W for r in readings]),
         arrow_is_ogf=np.arange(len(readings[0].force_W)) >= NUM_SGF,
-    )  # fmt: skip
+    )
 
 
 def _carried_from(phase: SignalLog, rows: int) -> int:
@@ -95,10 +100,11 @@ def _carried_from(phase: SignalLog, rows: int) -> int:
 
 
 def judge(station: Station, qpos: Array) -> str:
-    """How a rollout of states (T, 43) ended, exact geometry: the first of collision, fall, drop and success that happens.
+    """How a rollout of states (T, 43) ended, exact geometry: the first of collision, fall, drop and success that
+    happens.
 
-    Conditions are the task's (`hotice.sim.terminations`); collisions are looked for at the states given. A pick-up is judged
-    from where it holds the object; one that never does has run out of time.
+    Conditions are the task's (`hotice.sim.terminations`); collisions are looked for at the states given. A pick-up is
+    judged from where it holds the object; one that never does has run out of time.
     """
     import mujoco
 

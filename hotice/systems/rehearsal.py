@@ -48,16 +48,26 @@ class Sensing:
         hold = max(1, round(1.0 / (cfg.root_hz * dt_s))) if cfg.root_hz else 1
         gain = min(1.0, dt_s / cfg.object_filter_s) if cfg.object_filter_s else 1.0
         percept, self._estimate = measure(
-            true, self._estimate, self._rng.uniform(-1.0, 1.0, DRAWS), cfg, self._aligned, self._offset, keypoints=keypoints,
-            refresh=k % hold == 0, gain=max(gain, 1.0 / (k + 1)), tilt_gain=max(TRACK_TILT, 1.0 / (k + 1)),
-            hold_s=hold * dt_s, dt_s=dt_s if k else 0.0,
-        )  # fmt: skip
+            true,
+            self._estimate,
+            self._rng.uniform(-1.0, 1.0, DRAWS),
+            cfg,
+            self._aligned,
+            self._offset,
+            keypoints=keypoints,
+            refresh=k % hold == 0,
+            gain=max(gain, 1.0 / (k + 1)),
+            tilt_gain=max(TRACK_TILT, 1.0 / (k + 1)),
+            hold_s=hold * dt_s,
+            dt_s=dt_s if k else 0.0,
+        )
         self._count += 1
         return percept
 
 
 class Rehearsal:
-    """Runs the station's policy in a model of robot, object, table and scene, under noise as that of the station's sensors.
+    """Runs the station's policy in a model of robot, object, table and scene, under noise as that of the station's
+    sensors.
 
     Called with a robot state (84,); returns an index into `VERDICTS`, the first failure among the tries.
     """

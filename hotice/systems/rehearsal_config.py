@@ -17,7 +17,8 @@ class RehearsalConfig:
     horizon_s: float = 4.0
     """For how long; 0: not at all."""
     push_m_s: tuple[float, ...] = (0.0, 0.1, -0.1)
-    """One try for each of these changes of the root's sideways velocity: a policy on the edge of its skill fails one."""
+    """One try for each of these changes of the root's sideways velocity: a policy on the edge of its skill fails
+    one."""
 
     def __post_init__(self) -> None:
         (horizon,) = _numbers("horizon_s", [self.horizon_s])

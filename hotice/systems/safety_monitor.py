@@ -74,9 +74,14 @@ class SafePosture:
         low, high = model.jnt_range[[model.joint(name).id for name in g1.ACTION_JOINTS]].T
         kp, kd = g1.gains()
         return cls(
-            target=carry.joint_target, torque=carry.torque, middle=0.5 * (low + high), half_range=0.5 * (high - low),
-            kp=kp, kd=kd, limit=torque_limits(),
-        )  # fmt: skip
+            target=carry.joint_target,
+            torque=carry.torque,
+            middle=0.5 * (low + high),
+            half_range=0.5 * (high - low),
+            kp=kp,
+            kd=kd,
+            limit=torque_limits(),
+        )
 
 
 def find_fault(state: Array, command: Array, posture: SafePosture, limits: SafetyLimits) -> Fault:
@@ -107,7 +112,9 @@ def _find_fault(state, command, middle, half_range, cos_tilt, margin):
 
 
 def safe_torque(state: Array, posture: SafePosture, fault: Fault) -> Array:
-    """Torques (20,) that hold the posture; of a falling robot, that only damp; static where a joint's state is unknown."""
+    """Torques (20,) that hold the posture; of a falling robot, that only damp; static where a joint's state is
+    unknown.
+    """
     q, qd = state[JOINT_POS], state[JOINT_VEL]
     known = np.isfinite(q) & np.isfinite(qd)
     target = q if fault is Fault.TILT else posture.target
@@ -136,9 +143,7 @@ class SafetyMonitor(LeafSystem):
         torques: commands are torques [N m]; otherwise joint targets [rad] of the motors' servos.
     """
 
-    def __init__(
-        self, posture: SafePosture, limits: SafetyLimits, control_dt_s: float, torques: bool = True
-    ) -> None:  # fmt: skip
+    def __init__(self, posture: SafePosture, limits: SafetyLimits, control_dt_s: float, torques: bool = True) -> None:
         super().__init__()
         self.posture, self.limits, self.torques = posture, limits, torques
         index = self.DeclareDiscreteState(5)

@@ -25,8 +25,8 @@ DRAWS = 56
 """Uniform numbers a measurement takes: heading 1, place 3, gyro 3, gravity 3, joint angles 20, object 3 + 3, joint
 velocities 20."""
 ESTIMATE = 20
-"""Numbers of an estimate: the root's x, y, z [m], sine and cosine of its heading, its tracked velocity [m/s], the direction of
-gravity in P, then of the object in P its position [m] and first two axes."""
+"""Numbers of an estimate: the root's x, y, z [m], sine and cosine of its heading, its tracked velocity [m/s], the
+direction of gravity in P, then of the object in P its position [m] and first two axes."""
 _ESTIMATE, _AGE, _LATE, _SEED, _LAST = slice(0, 20), 20, 21, 22, slice(23, 23 + PERCEPT)
 _PLACE, _VELOCITY, _DOWN, _OBJECT = slice(0, 3), slice(5, 8), slice(8, 11), slice(11, 20)
 
@@ -55,7 +55,8 @@ def measure(
         config: half widths of the noise.
         world_aligned: keypoints of the object keep world directions (spheres).
         joint_offset: (20,) error of the encoders [rad].
-        keypoints: gives those of the robot (11, 3), its root where it truly is, for measured joints (20,); None: the true ones.
+        keypoints: gives those of the robot (11, 3), its root where it truly is, for measured joints (20,); None: the
+            true ones.
         refresh: whether the root's place is measured anew.
         gain: weight of the newest pose of the object; 1 forgets all others.
         tilt_gain: the same of the direction of gravity.
@@ -95,10 +96,17 @@ def measure(
     p_WO = p_WP + R_EW @ p_PO
     arms = true.p_WOK - true.p_WO
     percept = Percept.of(
-        p_WP=p_WP, yaw=yaw, gravity_P=gravity_P, w_WP_P=w_WP_P, q=q,
-        qd=true.qd + config.joint_vel_rad_s * u_qd, p_WK=p_WP + (p_WK - true.p_WP) @ R_EW.T, p_WO=p_WO,
-        R_WO=R_EW @ R_tilt @ true.R_WO, p_WOK=p_WO + (arms if world_aligned else arms @ (R_EW @ R_tilt).T),
-    )  # fmt: skip
+        p_WP=p_WP,
+        yaw=yaw,
+        gravity_P=gravity_P,
+        w_WP_P=w_WP_P,
+        q=q,
+        qd=true.qd + config.joint_vel_rad_s * u_qd,
+        p_WK=p_WP + (p_WK - true.p_WP) @ R_EW.T,
+        p_WO=p_WO,
+        R_WO=R_EW @ R_tilt @ true.R_WO,
+        p_WOK=p_WO + (arms if world_aligned else arms @ (R_EW @ R_tilt).T),
+    )
     return percept, np.concatenate([root, down_P, seen_object.ravel()])
 
 
@@ -127,9 +135,13 @@ def _attitude(yaw: float, down_P: Array) -> Array:
     """R_WP (3, 3) from the heading [rad] and the direction of gravity in P, a unit vector."""
     along, across, up = -down_P
     level = np.hypot(across, up)
-    R_YP = np.array([
-        [level, -along * across / level, -along * up / level], [0.0, up / level, -across / level], [along, across, up],
-    ])  # fmt: skip
+    R_YP = np.array(
+        [
+            [level, -along * across / level, -along * up / level],
+            [0.0, up / level, -across / level],
+            [along, across, up],
+        ]
+    )
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ R_YP
 
@@ -148,9 +160,9 @@ def draw_delays(config: SensingConfig, control_dt_s: float, substeps: int, seed:
 class SensorModel(LeafSystem):
     """Input `robot_state` (84,), true. Output `percept` (119,): the measurement of this control step.
 
-    The state holds the estimate of root and object, the number of measurements, the seed and, for late sensors, the last percept:
-    measurement k takes its random numbers from a generator that counts (Philox, key seed, counter k), so a cloned
-    Context draws the same. Read it at multiples of the control period; in between it shows the next one early.
+    The state holds the estimate of root and object, the number of measurements, the seed and, for late sensors, the
+    last percept: measurement k takes its random numbers from a generator that counts (Philox, key seed, counter k), so
+    a cloned Context draws the same. Read it at multiples of the control period; in between it shows the next one early.
 
     Args:
         carried: the object.
@@ -162,9 +174,14 @@ class SensorModel(LeafSystem):
     """
 
     def __init__(
-        self, carried: CarriedObject, config: SensingConfig, control_dt_s: float, seed: int = 0, late: bool = False,
+        self,
+        carried: CarriedObject,
+        config: SensingConfig,
+        control_dt_s: float,
+        seed: int = 0,
+        late: bool = False,
         joint_offset: Array | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__()
         self.config, self._dt_s = config, control_dt_s
         self._offset = np.zeros(20) if joint_offset is None else joint_offset
@@ -208,8 +225,16 @@ class SensorModel(LeafSystem):
         count = int(held[_AGE])
         rng = np.random.Generator(np.random.Philox(key=int(held[_SEED]), counter=[0, 0, 0, count + 1]))
         return measure(
-            self._truth(context), held[_ESTIMATE], rng.uniform(-1.0, 1.0, DRAWS), self.config, self._world_aligned,
-            self._offset, keypoints=self._true.keypoints_at(self._state.Eval(context)[:NQ]), refresh=count % self._hold == 0,
-            gain=max(self._gain, 1.0 / (count + 1)), tilt_gain=max(TRACK_TILT, 1.0 / (count + 1)),
-            hold_s=self._hold * self._dt_s, dt_s=self._dt_s if count else 0.0,
-        )  # fmt: skip
+            self._truth(context),
+            held[_ESTIMATE],
+            rng.uniform(-1.0, 1.0, DRAWS),
+            self.config,
+            self._world_aligned,
+            self._offset,
+            keypoints=self._true.keypoints_at(self._state.Eval(context)[:NQ]),
+            refresh=count % self._hold == 0,
+            gain=max(self._gain, 1.0 / (count + 1)),
+            tilt_gain=max(TRACK_TILT, 1.0 / (count + 1)),
+            hold_s=self._hold * self._dt_s,
+            dt_s=self._dt_s if count else 0.0,
+        )

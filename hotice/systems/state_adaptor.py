@@ -21,7 +21,7 @@ MUJOCO_STATE = 66
 _WRISTS = 7 + np.array([g1.ALL_JOINTS.index(j) for j in g1.WRIST_JOINTS])
 _MUJOCO_PLACES = np.concatenate(
     [np.arange(7), JOINT_POS, np.arange(36, 43), NQ + np.arange(6), JOINT_VEL, NQ + np.arange(35, 41)]
-)  # fmt: skip
+)
 
 
 def robot_state_of_mujoco(state: Array, wrist_pos: Array) -> Array:
@@ -76,8 +76,8 @@ def selector_of(sizes: Sequence[int], outputs: dict[str, Array]) -> Selector:
 class DrakeStateAdaptor(LeafSystem):
     """Input `state` (n,): [q; v] of a MultibodyPlant. Outputs `robot_state` (84,) and `joint_state` (40,): q, q̇.
 
-    `index` (66,): where in [q; v] to find quat and p of the pelvis, the 20 joints, quat and p of the object; w and v of the
-    pelvis, the joint velocities, w and v of the object. `wrist_pos` (6,): angles of the welded wrists [rad].
+    `index` (66,): where in [q; v] to find quat and p of the pelvis, the 20 joints, quat and p of the object; w and v of
+    the pelvis, the joint velocities, w and v of the object. `wrist_pos` (6,): angles of the welded wrists [rad].
     """
 
     def __init__(self, size: int, index: Array, wrist_pos: Array) -> None:

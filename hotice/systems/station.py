@@ -2,8 +2,8 @@
 
     plant ─ state_adaptor ─ sensor_model ─ guidance_field ─ policy ─ (joint_pd) ─ safety_monitor ─ plant
 
-Plant and torques step at `Station.physics_dt_s`; sensors, fields, policy and safety at the policy's control period; other
-controllers at their own rate.
+Plant and torques step at `Station.physics_dt_s`; sensors, fields, policy and safety at the policy's control period;
+other controllers at their own rate.
 """
 
 from __future__ import annotations
@@ -50,10 +50,11 @@ class Station(Diagram):
 
     Attributes:
         config, plant_name, controller_name: as given.
-        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields, which lead around the table.
+        scene: of the config; world: the same and, for a pick-up, the table; pf: its fields, which lead around the
+            table.
         carry: carry state that the policy and `hold` keep, and where they start; of a pick-up, where it ends.
-        policy, task: the policy file and its constants. motors: the plant's joints have motors that take torques, else position
-            servos. torques: commands to the plant are torques, not joint targets.
+        policy, task: the policy file and its constants. motors: the plant's joints have motors that take torques, else
+            position servos. torques: commands to the plant are torques, not joint targets.
         pick: the pick-up's setting, or None. physics_dt_s: step of the plant [s].
     """
 
@@ -81,7 +82,9 @@ class Station(Diagram):
 
     @cached_property
     def walk_plan(self) -> Any:
-        """Footsteps and postures to the goal. Raises `UnreachableGoal`, or `NotAvailable` without the walking baseline."""
+        """Footsteps and postures to the goal. Raises `UnreachableGoal`, or `NotAvailable` without the walking
+        baseline.
+        """
         try:
             from hotice.control.walk import plan_walk
         except ModuleNotFoundError as error:
@@ -110,9 +113,12 @@ class Station(Diagram):
         connect(builder, adaptor, "robot_state", sensors, "robot_state")
         connect(builder, sensors, "percept", fields, "percept")
         sensed = Sensed(
-            robot_state=(adaptor, "robot_state"), joint_state=(adaptor, "joint_state"), percept=(sensors, "percept"),
-            contact_force=(plant, "contact_force"), guidance=(fields, "guidance"),
-        )  # fmt: skip
+            robot_state=(adaptor, "robot_state"),
+            joint_state=(adaptor, "joint_state"),
+            percept=(sensors, "percept"),
+            contact_force=(plant, "contact_force"),
+            guidance=(fields, "guidance"),
+        )
         source, port = add_controller(builder, self, sensed, latency_s)
         monitor = SafetyMonitor(SafePosture.of(self.carry), config.safety, dt, self.torques)
         safety = _add(builder, "safety_monitor", monitor)

@@ -30,9 +30,12 @@ MAX_FILE_BYTES = 2**20
 SERVOS = ("pd", "motor")
 SENSING = {"exact": SensingConfig(), "student": STUDENT_SENSING}
 DYNAMICS = {
-    "nominal": DynamicsConfig(), "student": STUDENT_DYNAMICS,
-    "robot": ROBOT_DYNAMICS, "robot_nominal": ROBOT_NOMINAL, "paper": PAPER_DYNAMICS,
-}  # fmt: skip
+    "nominal": DynamicsConfig(),
+    "student": STUDENT_DYNAMICS,
+    "robot": ROBOT_DYNAMICS,
+    "robot_nominal": ROBOT_NOMINAL,
+    "paper": PAPER_DYNAMICS,
+}
 PARTS = {"sensing": SensingConfig, "dynamics": DynamicsConfig, "safety": SafetyLimits}
 
 
@@ -49,17 +52,17 @@ class StationConfig:
     pelvis_height_m: float = 0.74
     """Height at which the robot starts to carry."""
     servo: str = "motor"
-    """motor: joint targets go to the motors' own servos, which the plant integrates implicitly, as in training. pd: a servo
-    commands torques every physics step: the MuJoCo plant's own, for the Drake plant `joint_pd` in the diagram. Controllers that
-    command torques need neither."""
+    """motor: joint targets go to the motors' own servos, which the plant integrates implicitly, as in training. pd: a
+    servo commands torques every physics step: the MuJoCo plant's own, for the Drake plant `joint_pd` in the diagram.
+    Controllers that command torques need neither."""
     physics_dt_s: float | None = None
-    """Step of either plant, and of the torque loop; the control period must be a multiple. Default: as in training where
-    the policy drives the MuJoCo plant's own servos, else 0.002 s."""
+    """Step of either plant, and of the torque loop; the control period must be a multiple. Default: as in training
+    where the policy drives the MuJoCo plant's own servos, else 0.002 s."""
     sensing: SensingConfig = field(default_factory=SensingConfig)
     """Noise and delay of what the policy reads; in a file exact, student or a mapping."""
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
-    """Spread of gains, friction, masses and motors; the robot is drawn once, by the seed (MuJoCo plant). In a file nominal,
-    student, robot, robot_nominal or paper (see docs/contacts.md), or a mapping."""
+    """Spread of gains, friction, masses and motors; the robot is drawn once, by the seed (MuJoCo plant). In a file
+    nominal, student, robot, robot_nominal or paper (see docs/contacts.md), or a mapping."""
     push_m_s: float = 0.0
     """Largest push, a sudden change of the pelvis' velocity (MuJoCo plant; students: 1.0); 0: none."""
     push_interval_s: float = 7.5
@@ -73,8 +76,8 @@ class StationConfig:
     support_height_m: float = 0.6
     """Top of the table from which the object is picked up."""
     rehearsal: RehearsalConfig = field(default_factory=RehearsalConfig)
-    """How the policy is tried before it takes over from a pick-up, and, where it fails, the walking baseline; where both do, the
-    pick-up holds on."""
+    """How the policy is tried before it takes over from a pick-up, and, where it fails, the walking baseline; where
+    both do, the pick-up holds on."""
     support_near_m: float = 0.25
     """From between the feet to the table's near edge."""
     pick_bearing_rad: float = np.pi / 2

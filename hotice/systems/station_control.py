@@ -62,8 +62,8 @@ class Sensed:
 class PickSetting:
     """A pick-up before it begins, in W.
 
-    controller: of `hotice.control.pickup`; carry: the state in which it leaves the object; origin: x, y [m], yaw [rad] of its
-    frame; qpos: (34,) robot and object, in MuJoCo's order.
+    controller: of `hotice.control.pickup`; carry: the state in which it leaves the object; origin: x, y [m], yaw [rad]
+    of its frame; qpos: (34,) robot and object, in MuJoCo's order.
     """
 
     controller: Any
@@ -190,10 +190,15 @@ def plan_pick(station: Station) -> PickSetting:
         raise _out_of_reach(config, error) from None
     turn, offset = quat_from_yaw(origin[2]), np.array([*origin[:2], 0.0])
     q = controller.start_q
-    qpos = np.concatenate([
-        quat_rotate(turn, q[:3]) + offset, quat_mul(turn, np.roll(q[3:7], 1)), q[7:27],
-        quat_rotate(turn, p_GO) + offset, quat_mul(turn, upright),
-    ])  # fmt: skip
+    qpos = np.concatenate(
+        [
+            quat_rotate(turn, q[:3]) + offset,
+            quat_mul(turn, np.roll(q[3:7], 1)),
+            q[7:27],
+            quat_rotate(turn, p_GO) + offset,
+            quat_mul(turn, upright),
+        ]
+    )
     return PickSetting(controller=controller, carry=end_state(controller), origin=origin, qpos=qpos)
 
 

@@ -45,7 +45,7 @@ def add_plant(builder: DiagramBuilder, station: Station, period_s: float) -> tup
             )
         drake = DrakePlant(
             station.world, carry.carried, carry.wrist_pos, qpos, station.physics_dt_s, not station.torques
-        )  # fmt: skip
+        )
         plant = builder.AddNamedSystem("plant", drake)
         size = plant.GetOutputPort("state").size()
         adaptor = builder.AddNamedSystem("state_adaptor", DrakeStateAdaptor(size, plant.index, carry.wrist_pos))
@@ -74,7 +74,9 @@ def station_model(station: Station) -> mujoco.MjModel:
 
 
 def station_robot(station: Station) -> mujoco.MjModel:
-    """The compiled model of a station with position servos; its parameters are drawn from the station's dynamics and seed."""
+    """The compiled model of a station with position servos; its parameters are drawn from the station's dynamics and
+    seed.
+    """
     carry, config = station.carry, station.config
     model = models.build_model(
         carry.carried,

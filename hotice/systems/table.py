@@ -79,8 +79,8 @@ def with_table(scene: Scene, table: Obstacle) -> Scene:
 def around_table(world: Scene) -> Scene:
     """The scene for the fields: the table reaches up to the ceiling, or they would lead the pelvis across it.
 
-    It is also wider, more so on the side away from the goal: whoever stands behind it is led well round its corners, and
-    straight behind it both ways would be equally long.
+    It is also wider, more so on the side away from the goal: whoever stands behind it is led well round its corners,
+    and straight behind it both ways would be equally long.
     """
     obstacles = list(world.obstacles)
     for i, o in enumerate(obstacles):

@@ -39,8 +39,8 @@ _ZERO_M = 1e-3
 class Visualizer(LeafSystem):
     """Publishes to a Meshcat at `publish_hz`, and on a forced publish; everything moves, so recordings replay it all.
 
-    Inputs `robot_state` (84,); `percept` (119,) and `guidance` (122,): arrows stand where the robot believes its keypoints
-    are; `contact_force` (12,): arrows at ankles and hands.
+    Inputs `robot_state` (84,); `percept` (119,) and `guidance` (122,): arrows stand where the robot believes its
+    keypoints are; `contact_force` (12,): arrows at ankles and hands.
 
     Args:
         meshcat: a pydrake Meshcat.
@@ -51,9 +51,14 @@ class Visualizer(LeafSystem):
     """
 
     def __init__(
-        self, meshcat: Any, scene: Scene, carried: CarriedObject, publish_hz: float = 30.0,
-        footsteps: ArrayLike | None = None, meshes: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        meshcat: Any,
+        scene: Scene,
+        carried: CarriedObject,
+        publish_hz: float = 30.0,
+        footsteps: ArrayLike | None = None,
+        meshes: bool = True,
+    ) -> None:
         super().__init__()
         self.meshcat = meshcat
         self._model = builder.build_model(carried, joints=29, floor=False)
@@ -98,7 +103,7 @@ class Visualizer(LeafSystem):
                 grey = Rgba(0.24, 0.26, 0.30) if "hip" in name or "knee" in name else Rgba(0.72, 0.73, 0.75)
                 self.meshcat.SetTriangleMesh(
                     f"{path}/mesh", np.asfortranarray(vertices.T), np.asfortranarray(faces.T), grey
-                )  # fmt: skip
+                )
                 shown[body] = path
                 continue
             for geom in range(model.ngeom):

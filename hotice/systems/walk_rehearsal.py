@@ -18,9 +18,11 @@ Array = NDArray[np.float64]
 
 
 class WalkRehearsal:
-    """Plans the walk from a robot state and runs it in the station's model, on the true state, as the station's walk does.
+    """Plans the walk from a robot state and runs it in the station's model, on the true state, as the station's walk
+    does.
 
-    Called with a robot state (84,); returns an index into `VERDICTS`, the first failure among the tries. `stage`: its model.
+    Called with a robot state (84,); returns an index into `VERDICTS`, the first failure among the tries. `stage`: its
+    model.
     """
 
     def __init__(self, station: Station, config: RehearsalConfig | None = None) -> None:

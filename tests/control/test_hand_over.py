@@ -41,7 +41,8 @@ def test_the_pick_up_ends_in_the_stance_of_the_policies(carried):
 
 
 def test_servo_targets_of_the_end_hold_the_object():
-    """What the motors' own servos make of it in 0.4 s, before a policy must balance; bare angles let the object down."""
+    """What the motors' own servos make of it in 0.4 s, before a policy must balance; bare angles let the object
+    down."""
     state = end_state(pickup(Box((0.3, 0.3, 0.3), 1.5)))
     model = builder.build_model(state.carried, wrist_pos=state.wrist_pos)
     moved = []
@@ -71,10 +72,20 @@ def test_departures_begin_after_the_retreat():
         )
         q, zero = picked.start_q, np.zeros(3)
         m = Measurement(
-            time_s=0.0, joint_pos=q[7:], joint_vel=np.zeros(20), p_WP=q[:3], quat_WP=np.roll(q[3:7], 1), v_WP=zero, w_WP_P=zero,
-            p_WO=np.array([0.42, 0.0, 0.75]), quat_WO=UPRIGHT, v_WO=zero, w_WO_O=zero,
-            foot_force_W=np.full((2, 3), 100.0), hand_force_W=np.full((2, 3), 40.0),
-        )  # fmt: skip
+            time_s=0.0,
+            joint_pos=q[7:],
+            joint_vel=np.zeros(20),
+            p_WP=q[:3],
+            quat_WP=np.roll(q[3:7], 1),
+            v_WP=zero,
+            w_WP_P=zero,
+            p_WO=np.array([0.42, 0.0, 0.75]),
+            quat_WO=UPRIGHT,
+            v_WO=zero,
+            w_WO_O=zero,
+            foot_force_W=np.full((2, 3), 100.0),
+            hand_force_W=np.full((2, 3), 40.0),
+        )
         memory = picked.start(m)
         memory.plan, memory.phase, memory.load_share, memory.squeeze_n = (
             picked.expected,
@@ -106,9 +117,14 @@ def test_a_walk_is_planned_where_it_begins(blocked):
     state = solve_carry(Box((0.3, 0.3, 0.3), 1.5))
     zero, yaw = np.zeros(3), 0.4
     m = Measurement(
-        time_s=7.0, joint_pos=state.joint_pos, joint_vel=np.zeros(20), p_WP=state.root_pos_W + [0.3, 0.1, 0.0],
-        quat_WP=np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]), v_WP=zero, w_WP_P=zero,
-    )  # fmt: skip
+        time_s=7.0,
+        joint_pos=state.joint_pos,
+        joint_vel=np.zeros(20),
+        p_WP=state.root_pos_W + [0.3, 0.1, 0.0],
+        quat_WP=np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]),
+        v_WP=zero,
+        w_WP_P=zero,
+    )
     controller = WalkLater(build_hod_pf(scene), state)
     memory = controller.start(m)
     command, memory = controller.step(memory, m)

@@ -1,4 +1,5 @@
-"""Planning a pick-up: kinematics that agree, solvers that name what they cannot keep, a cache that knows what decides a plan."""
+"""Planning a pick-up: kinematics that agree, solvers that name what they cannot keep, a cache that knows what decides a
+plan."""
 
 import subprocess
 import sys
@@ -122,10 +123,15 @@ def program():
 
 def knots(**change):
     numbers = {
-        "ends": np.stack([np.zeros(NX), np.ones(NX)]), "guess": np.zeros((3, NX)), "theta": np.full((3, 1), -9.0),
-        "low": np.zeros((3, 1)), "high": np.full((3, 1), np.inf), "joint_low": np.full(20, -2.0),
-        "joint_high": np.full(20, 2.0), "step": np.full(20, 0.5),
-    }  # fmt: skip
+        "ends": np.stack([np.zeros(NX), np.ones(NX)]),
+        "guess": np.zeros((3, NX)),
+        "theta": np.full((3, 1), -9.0),
+        "low": np.zeros((3, 1)),
+        "high": np.full((3, 1), np.inf),
+        "joint_low": np.full(20, -2.0),
+        "joint_high": np.full(20, 2.0),
+        "step": np.full(20, 0.5),
+    }
     return Knots(**numbers | change)
 
 
@@ -171,11 +177,16 @@ def key(planner, durations=None, q=None, p=PLACE, quat=QUAT):
 def test_the_key_holds_all_that_decides(planner, monkeypatch):
     nudge = planner.start_q + np.concatenate([[0.01], np.zeros(26)])
     keys = [
-        key(planner), key(planner, q=nudge), key(planner, p=PLACE + 0.001), key(planner, quat=np.asarray(quat_from_yaw(0.2))),
-        key(planner, Durations(lift_s=2.0)), key(Planner(replace(BOX, mass_kg=1.6), SUPPORT)),
-        key(Planner(Box((0.27, 0.28, 0.28), 1.5), SUPPORT)), key(Planner(BOX, replace(SUPPORT, top_m=0.53))),
+        key(planner),
+        key(planner, q=nudge),
+        key(planner, p=PLACE + 0.001),
+        key(planner, quat=np.asarray(quat_from_yaw(0.2))),
+        key(planner, Durations(lift_s=2.0)),
+        key(Planner(replace(BOX, mass_kg=1.6), SUPPORT)),
+        key(Planner(Box((0.27, 0.28, 0.28), 1.5), SUPPORT)),
+        key(Planner(BOX, replace(SUPPORT, top_m=0.53))),
         key(Planner(BOX, replace(SUPPORT, near_m=0.25))),
-    ]  # fmt: skip
+    ]
     monkeypatch.setattr(cache, "_planner", lambda: "another robot or solver")
     keys.append(key(planner))
     assert len(set(keys)) == len(keys)
@@ -212,11 +223,14 @@ def test_plans_are_kept_by_content_of_the_task(planner, plan):
     assert not planner.fits(plan, q + np.concatenate([[0.02], np.zeros(26)]), PLACE, QUAT)
 
 
-@pytest.mark.parametrize("place, why", [
-    ([0.39, 0.02, np.nan], "p_GO has shape"),
-    ([1.4, 0.0, 0.66], "x 1.40.*cannot be grasped standing; stand nearer.*is violated by"),
-    ([0.39, 0.6, 0.66], "y 0.60.*cannot be grasped standing"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "place, why",
+    [
+        ([0.39, 0.02, np.nan], "p_GO has shape"),
+        ([1.4, 0.0, 0.66], "x 1.40.*cannot be grasped standing; stand nearer.*is violated by"),
+        ([0.39, 0.6, 0.66], "y 0.60.*cannot be grasped standing"),
+    ],
+)
 def test_picks_that_cannot_be_planned(planner, place, why):
     assert issubclass(PickInfeasible, HoticeError)
     with pytest.raises(PickInfeasible, match=why):
@@ -235,9 +249,14 @@ def test_a_cached_plan_costs_neither_drake_nor_casadi(planner, plan):
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.parametrize("size, mass, top, aside, yaw", [
-    ((0.33, 0.34, 0.30), 1.4, 0.59, -0.03, 15.0), ((0.26, 0.37, 0.22), 2.7, 0.52, -0.03, 10.0),
-], ids=["deep", "wide"])  # fmt: skip
+@pytest.mark.parametrize(
+    "size, mass, top, aside, yaw",
+    [
+        ((0.33, 0.34, 0.30), 1.4, 0.59, -0.03, 15.0),
+        ((0.26, 0.37, 0.22), 2.7, 0.52, -0.03, 10.0),
+    ],
+    ids=["deep", "wide"],
+)
 def test_the_grasp_leads_to_the_carry_state(size, mass, top, aside, yaw):
     """A box turned and aside ends level before an upright pelvis, near its place: the hold was chosen for that."""
     planner = Planner(Box(size, mass), Support(top_m=top, near_m=0.24), folder=None)

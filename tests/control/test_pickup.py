@@ -39,9 +39,20 @@ def standing(pickup):
 
     q, zero = pickup.start_q, np.zeros(3)
     return Measurement(
-        time_s=0.0, joint_pos=q[7:], joint_vel=np.zeros(20), p_WP=q[:3], quat_WP=np.roll(q[3:7], 1), v_WP=zero, w_WP_P=zero,
-        p_WO=PLACE, quat_WO=QUAT, v_WO=zero, w_WO_O=zero, foot_force_W=np.zeros((2, 3)), hand_force_W=np.zeros((2, 3)),
-    )  # fmt: skip
+        time_s=0.0,
+        joint_pos=q[7:],
+        joint_vel=np.zeros(20),
+        p_WP=q[:3],
+        quat_WP=np.roll(q[3:7], 1),
+        v_WP=zero,
+        w_WP_P=zero,
+        p_WO=PLACE,
+        quat_WO=QUAT,
+        v_WO=zero,
+        w_WO_O=zero,
+        foot_force_W=np.zeros((2, 3)),
+        hand_force_W=np.zeros((2, 3)),
+    )
 
 
 def drive(pickup, memory, measurement, seconds, **change):
@@ -69,9 +80,12 @@ def test_plans_keep_their_promises(carried):
     apart = hands.R[0].T @ (hands.p[1] - hands.p[0])
     np.testing.assert_allclose(hands.p.mean(axis=0)[1], 0.02, atol=0.01)
     for path, seconds in (
-        (plan.to_crouch, 2.0), (plan.to_pregrasp, 1.5), (plan.to_grasp, 1.0), (plan.retreat[:5], 1.8),
+        (plan.to_crouch, 2.0),
+        (plan.to_pregrasp, 1.5),
+        (plan.to_grasp, 1.0),
+        (plan.retreat[:5], 1.8),
         (plan.retreat[4:], planner.durations.retreat_s),
-    ):  # fmt: skip
+    ):
         speed = 1.875 * np.abs(np.diff(path[:, 7:], axis=0)).max() * (len(path) - 1) / seconds
         assert speed < JOINT_SPEED + 1e-3
         for knot in path:
@@ -109,7 +123,8 @@ def test_paths_start_and_end_at_rest():
 
 
 def test_a_hand_that_feels_nothing_tries_again_then_gives_up(pickup, standing):
-    """Without contact the hands open after `touch_s`; after the last attempt the robot stands and aborts, with the reason."""
+    """Without contact the hands open after `touch_s`; after the last attempt the robot stands and aborts, with the
+    reason."""
     memory, measurement = pickup.start(standing), standing
     c = pickup.config
     command, memory, measurement = drive(pickup, memory, measurement, 0.1 + c.settle_s + c.crouch_s + c.reach_s)

@@ -16,10 +16,14 @@ from hotice.model.carry import solve_carry
 STATE = solve_carry(Box((0.30, 0.30, 0.30), 1.5))
 HALF_A_METRE = Scene.from_dict(
     {
-        "format": "hotice-scene/1", "name": "short", "bounds_m": [[-0.5, -1.0, 0.0], [1.0, 1.0, 1.5]],
-        "start": {"position_m": [0.0, 0.0], "yaw_rad": 0.0}, "goal": {"position_m": [0.5, 0.0]}, "obstacles": [],
+        "format": "hotice-scene/1",
+        "name": "short",
+        "bounds_m": [[-0.5, -1.0, 0.0], [1.0, 1.0, 1.5]],
+        "start": {"position_m": [0.0, 0.0], "yaw_rad": 0.0},
+        "goal": {"position_m": [0.5, 0.0]},
+        "obstacles": [],
     }
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")

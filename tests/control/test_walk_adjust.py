@@ -27,9 +27,7 @@ def test_a_dcm_on_its_plan_changes_nothing():
 
 def test_plan_is_kept_in_a_turned_frame():
     yaw, R = 0.7, np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
-    found = StepAdjuster().solve(
-        R @ dcm_of_the_plan(0.3), R @ STANCE, yaw, R @ FOOTHOLD, R @ OFFSET, 0.3, OMEGA, LEFT
-    )  # fmt: skip
+    found = StepAdjuster().solve(R @ dcm_of_the_plan(0.3), R @ STANCE, yaw, R @ FOOTHOLD, R @ OFFSET, 0.3, OMEGA, LEFT)
     assert found.foothold == pytest.approx(R @ FOOTHOLD, abs=1e-4)
 
 
@@ -68,12 +66,18 @@ def test_agrees_with_a_general_solver():
     def cost(y):
         b = xi * tau * y[4] + y[2:4] * (1 - tau) - y[:2]
         return (
-            config.foothold_weight * ((y[:2] - p0) ** 2).sum() + config.offset_weight * ((b - OFFSET) ** 2).sum()
-            + config.zmp_weight * (y[2:4] ** 2).sum() + config.timing_weight * (y[4] - 1) ** 2
-        )  # fmt: skip
+            config.foothold_weight * ((y[:2] - p0) ** 2).sum()
+            + config.offset_weight * ((b - OFFSET) ** 2).sum()
+            + config.zmp_weight * (y[2:4] ** 2).sum()
+            + config.timing_weight * (y[4] - 1) ** 2
+        )
 
-    bounds = [config.forward_m, config.sideways_m, *[(-r, r) for r in config.zmp_reach_m],
-              (np.exp(-0.1 * OMEGA), np.exp(0.1 * OMEGA))]  # fmt: skip
+    bounds = [
+        config.forward_m,
+        config.sideways_m,
+        *[(-r, r) for r in config.zmp_reach_m],
+        (np.exp(-0.1 * OMEGA), np.exp(0.1 * OMEGA)),
+    ]
     best = minimize(
         cost, [*p0, 0.0, 0.0, 1.0], bounds=bounds, method="L-BFGS-B", options={"ftol": 1e-15, "gtol": 1e-10}
     )

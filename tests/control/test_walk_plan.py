@@ -21,14 +21,23 @@ STATE = solve_carry(Box((0.30, 0.30, 0.30), 1.5))
 def scene(*obstacles: tuple[str, str, tuple, tuple]) -> Scene:
     return Scene.from_dict(
         {
-            "format": "hotice-scene/1", "name": "test", "bounds_m": [[-0.5, -1.0, 0.0], [2.5, 1.0, 1.5]],
-            "start": {"position_m": [0.0, 0.0], "yaw_rad": 0.0}, "goal": {"position_m": [2.0, 0.0]},
+            "format": "hotice-scene/1",
+            "name": "test",
+            "bounds_m": [[-0.5, -1.0, 0.0], [2.5, 1.0, 1.5]],
+            "start": {"position_m": [0.0, 0.0], "yaw_rad": 0.0},
+            "goal": {"position_m": [2.0, 0.0]},
             "obstacles": [
-                {"name": n, "category": c, "shape": {"type": "box", "size_m": list(size)}, "position_m": list(at),
-                 "quaternion_wxyz": [1, 0, 0, 0]} for n, c, size, at in obstacles
+                {
+                    "name": n,
+                    "category": c,
+                    "shape": {"type": "box", "size_m": list(size)},
+                    "position_m": list(at),
+                    "quaternion_wxyz": [1, 0, 0, 0],
+                }
+                for n, c, size, at in obstacles
             ],
         }
-    )  # fmt: skip
+    )
 
 
 OPEN = scene()

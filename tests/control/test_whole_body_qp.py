@@ -54,9 +54,13 @@ def disturbed(measurement, seed, size=0.1):
     rng = np.random.default_rng(seed)
     quat = measurement.quat_WP + 0.3 * size * rng.normal(size=4)
     return replace(
-        measurement, joint_pos=measurement.joint_pos + size * rng.normal(size=20), joint_vel=size * rng.normal(size=20),
-        v_WP=size * rng.normal(size=3), w_WP_P=size * rng.normal(size=3), quat_WP=quat / np.linalg.norm(quat),
-    )  # fmt: skip
+        measurement,
+        joint_pos=measurement.joint_pos + size * rng.normal(size=20),
+        joint_vel=size * rng.normal(size=20),
+        v_WP=size * rng.normal(size=3),
+        w_WP_P=size * rng.normal(size=3),
+        quat_WP=quat / np.linalg.norm(quat),
+    )
 
 
 def test_terms_agree_with_mujoco():
@@ -196,7 +200,8 @@ def test_a_moment_on_the_hands_is_carried_by_the_arms(plant):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_solvers_agree(plant, seed):
-    """Same accelerations, hand forces and cost; how the feet share their force is almost free, torques differ a little by it."""
+    """Same accelerations, hand forces and cost; how the feet share their force is almost free, torques differ a little
+    by it."""
     found = {}
     for name in ("proxqp", "osqp"):
         qp = WholeBodyQp(CARRY.wrist_pos, QpConfig(solver=name))
@@ -282,7 +287,8 @@ def test_a_late_solve_is_a_fault(plant):
 
 
 def test_a_copied_memory_repeats_the_solve(plant):
-    """All that lasts is in the memory: a copy gives the same torque again, bit for bit, whatever was solved in between."""
+    """All that lasts is in the memory: a copy gives the same torque again, bit for bit, whatever was solved in
+    between."""
     qp = WholeBodyQp(CARRY.wrist_pos)
     targets, contacts = standing(qp, plant.measure())
     memory = qp.start(plant.measure())

@@ -33,9 +33,10 @@ def random_case(n, seed=0):
         return torch.tensor(a, dtype=torch.float32)
 
     spheres = Spheres(
-        frame=torch.tensor(rng.integers(0, FRAMES, SPHERES)), centre=tensor(rng.normal(0.0, 0.2, (VARIANTS, SPHERES, 3))),
+        frame=torch.tensor(rng.integers(0, FRAMES, SPHERES)),
+        centre=tensor(rng.normal(0.0, 0.2, (VARIANTS, SPHERES, 3))),
         radius=tensor(rng.uniform(0.01, 0.1, (VARIANTS, SPHERES))),
-    )  # fmt: skip
+    )
     xpos = tensor(rng.uniform([-1.2, -1.7, -0.2], [3.2, 1.7, 1.8], (n, FRAMES, 3)))
     xmat = tensor(np.stack([quat_to_mat(q) for q in quat.reshape(-1, 4)]).reshape(n, FRAMES, 3, 3))
     return torch.tensor(rng.integers(0, 2, n)), xpos, xmat, spheres, torch.tensor(rng.integers(0, VARIANTS, n))

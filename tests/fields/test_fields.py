@@ -77,9 +77,8 @@ def test_sampling_is_exact_on_affine_fields(kind, count):
     np.testing.assert_allclose(raw, truth[..., 0] + 20.0, atol=1e-5)
     np.testing.assert_allclose(s, truth[..., 0] + 19.5, atol=1e-5)
     np.testing.assert_allclose(g, truth[..., 1], atol=4 * volumes.step.max())
-    np.testing.assert_allclose(
-        force, -0.6 * truth[..., 2:], atol=1e-4
-    )  # half a step, tripled along each axis beyond nodes
+    # half a step, tripled along each axis beyond nodes
+    np.testing.assert_allclose(force, -0.6 * truth[..., 2:], atol=1e-4)
 
 
 def test_slope_of_an_affine_distance_is_exact_up_to_the_border():

@@ -124,9 +124,15 @@ def test_goal_inside_the_inflated_obstacles_is_still_approached():
     assert pf.ogf.sample(p)[0] > 0.5
 
 
-@pytest.mark.parametrize("shape", [
-    BoxShape((0.3, 0.4, 0.5)), CylinderShape(0.2, 0.6), CapsuleShape(0.1, 0.4), SphereShape(0.3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "shape",
+    [
+        BoxShape((0.3, 0.4, 0.5)),
+        CylinderShape(0.2, 0.6),
+        CapsuleShape(0.1, 0.4),
+        SphereShape(0.3),
+    ],
+)
 def test_compiled_distance_equals_the_plain_one(shape):
     quat = np.array([0.3, -0.5, 0.7, 0.4])
     quat /= np.linalg.norm(quat)

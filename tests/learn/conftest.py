@@ -12,9 +12,23 @@ from hotice.learn.runner import Runner
 from hotice.sim import TaskConfig
 
 TINY = [
-    "--num-envs", "8", "--steps", "8", "--minibatches", "2", "--hidden", "16", "--critic-hidden", "16", "--threads", "1",
-    "--carry-states", "2", "--episode-s", "0.3",
-]  # fmt: skip
+    "--num-envs",
+    "8",
+    "--steps",
+    "8",
+    "--minibatches",
+    "2",
+    "--hidden",
+    "16",
+    "--critic-hidden",
+    "16",
+    "--threads",
+    "1",
+    "--carry-states",
+    "2",
+    "--episode-s",
+    "0.3",
+]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -36,10 +50,15 @@ def tiny():
 
     def make(out, **changes):
         config = TrainConfig(
-            out=out, num_envs=8, updates=2, threads=1, hidden=(16,), critic_hidden=(16,),
+            out=out,
+            num_envs=8,
+            updates=2,
+            threads=1,
+            hidden=(16,),
+            critic_hidden=(16,),
             ppo=PpoConfig(steps=8, minibatches=2),
             task=dataclasses.replace(TrainConfig().task, carry_states=2, episode_s=0.3),
-        )  # fmt: skip
+        )
         return dataclasses.replace(config, **changes)
 
     return make

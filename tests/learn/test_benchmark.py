@@ -151,10 +151,21 @@ def test_physics_warp_on_the_cpu(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "changes", [dict(steps=5), dict(updates=0), dict(threads=0), dict(num_envs=(0,)), dict(num_envs=(8, -1)), dict(physics="x"),
-                dict(preset="triple"), dict(scenes=()), dict(device="tpu"), dict(history=-1),
-                dict(history=10**6)],
-)  # fmt: skip
+    "changes",
+    [
+        dict(steps=5),
+        dict(updates=0),
+        dict(threads=0),
+        dict(num_envs=(0,)),
+        dict(num_envs=(8, -1)),
+        dict(physics="x"),
+        dict(preset="triple"),
+        dict(scenes=()),
+        dict(device="tpu"),
+        dict(history=-1),
+        dict(history=10**6),
+    ],
+)
 def test_impossible_benchmarks_are_refused(changes):
     with pytest.raises(HoticeError):
         BenchmarkConfig(**changes)

@@ -10,8 +10,18 @@ import pytest
 from hotice.learn.__main__ import main
 
 COMMANDS = (
-    "train", "distill", "finetune", "pipeline", "evaluate", "reproduce", "merge", "export", "play", "tables", "benchmark",
-)  # fmt: skip
+    "train",
+    "distill",
+    "finetune",
+    "pipeline",
+    "evaluate",
+    "reproduce",
+    "merge",
+    "export",
+    "play",
+    "tables",
+    "benchmark",
+)
 NAN, INF = float("nan"), float("inf")
 
 
@@ -40,7 +50,8 @@ def test_help_lists_every_command(capsys):
     assert all(name in out for name in COMMANDS)
 
 
-# each command once ------------------------------------------------------------------------------------------------------
+# each command once
+# ------------------------------------------------------------------------------------------------------
 
 
 def test_train(tmp_path, tiny_options):
@@ -67,9 +78,22 @@ def test_export_and_evaluate_as_a_program(run, tmp_path):
     assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1 and "Traceback" not in done.stderr
     out = tmp_path / "r.json"
     done = hotice(
-        "evaluate", "--policy", tmp_path / "p.onnx", "--scenes", "open_floor", "--rollouts", 2, "--seed", 3, "--objects", 1,
-        "--threads", 1, "--out", out,
-    )  # fmt: skip
+        "evaluate",
+        "--policy",
+        tmp_path / "p.onnx",
+        "--scenes",
+        "open_floor",
+        "--rollouts",
+        2,
+        "--seed",
+        3,
+        "--objects",
+        1,
+        "--threads",
+        1,
+        "--out",
+        out,
+    )
     assert done.returncode == 0, done.stderr
     assert json.loads(out.read_text())["seed"] == 3 and "open_floor" in done.stdout
 
@@ -107,21 +131,29 @@ def test_benchmark(tmp_path, capsys):
     )
 
 
-# scenes given wrongly ---------------------------------------------------------------------------------------------------
+# scenes given wrongly
+# ---------------------------------------------------------------------------------------------------
 
 
 def box(**changes):
     return {
-        "name": "it", "category": "side", "shape": {"type": "box", "size_m": [0.2, 0.2, 0.5]}, "position_m": [1.0, 0.6, 0.25],
+        "name": "it",
+        "category": "side",
+        "shape": {"type": "box", "size_m": [0.2, 0.2, 0.5]},
+        "position_m": [1.0, 0.6, 0.25],
         "quaternion_wxyz": [1, 0, 0, 0],
-    } | changes  # fmt: skip
+    } | changes
 
 
 def scene(*obstacles, **changes):
     return {
-        "format": "hotice-scene/1", "name": "given", "bounds_m": [[-0.5, -1.0, 0.0], [2.5, 1.0, 1.5]],
-        "start": {"position_m": [0.0, 0.0], "yaw_rad": 0.0}, "goal": {"position_m": [2.0, 0.0]}, "obstacles": list(obstacles),
-    } | changes  # fmt: skip
+        "format": "hotice-scene/1",
+        "name": "given",
+        "bounds_m": [[-0.5, -1.0, 0.0], [2.5, 1.0, 1.5]],
+        "start": {"position_m": [0.0, 0.0], "yaw_rad": 0.0},
+        "goal": {"position_m": [2.0, 0.0]},
+        "obstacles": list(obstacles),
+    } | changes
 
 
 SCENES = {
@@ -166,7 +198,8 @@ def test_an_empty_folder_of_scenes(onnx_file, tmp_path, capfd):
     refused(capfd, "evaluate", "--policy", onnx_file, "--scenes", tmp_path)
 
 
-# policies given wrongly -------------------------------------------------------------------------------------------------
+# policies given wrongly
+# -------------------------------------------------------------------------------------------------
 
 
 def damaged(run, tmp_path, kind):
@@ -235,7 +268,8 @@ def test_export_needs_a_checkpoint(onnx_file, tmp_path, capfd):
     refused(capfd, "export", "--policy", tmp_path / "gone", "--out", tmp_path / "p.onnx")
 
 
-# numbers given wrongly --------------------------------------------------------------------------------------------------
+# numbers given wrongly
+# --------------------------------------------------------------------------------------------------
 
 
 def test_more_than_the_memory(onnx_file, tmp_path, capfd):
@@ -248,14 +282,34 @@ def test_more_than_the_memory(onnx_file, tmp_path, capfd):
 @pytest.mark.parametrize(
     "option, values",
     [
-        ("--num-envs", (0, -4)), ("--updates", (0, -1)), ("--max-minutes", (NAN, INF, -1)), ("--checkpoint-minutes", (NAN, -1)),
-        ("--checkpoint-updates", (-1,)), ("--threads", (-1,)), ("--seed", (-1, 2**70)), ("--steps", (0, -1)), ("--epochs", (0,)),
-        ("--gamma", (NAN, 2)), ("--lam", (INF,)), ("--clip", (0, NAN)), ("--learning-rate", (NAN, -1)), ("--entropy", (NAN, -1)),
-        ("--value-weight", (INF,)), ("--mirror-weight", (NAN,)), ("--min-std", (-1,)), ("--hidden", (0, -3)),
-        ("--physics-dt-s", (0, NAN, -1)), ("--episode-s", (INF,)), ("--speed-m-s", (NAN,)), ("--margin-m", (-1, NAN)),
-        ("--anywhere", (2, NAN)), ("--push-m-s", (NAN, -1)), ("--tolerance-m", (NAN, -1)), ("--anywhere-yaw-noise-rad", (NAN,)),
+        ("--num-envs", (0, -4)),
+        ("--updates", (0, -1)),
+        ("--max-minutes", (NAN, INF, -1)),
+        ("--checkpoint-minutes", (NAN, -1)),
+        ("--checkpoint-updates", (-1,)),
+        ("--threads", (-1,)),
+        ("--seed", (-1, 2**70)),
+        ("--steps", (0, -1)),
+        ("--epochs", (0,)),
+        ("--gamma", (NAN, 2)),
+        ("--lam", (INF,)),
+        ("--clip", (0, NAN)),
+        ("--learning-rate", (NAN, -1)),
+        ("--entropy", (NAN, -1)),
+        ("--value-weight", (INF,)),
+        ("--mirror-weight", (NAN,)),
+        ("--min-std", (-1,)),
+        ("--hidden", (0, -3)),
+        ("--physics-dt-s", (0, NAN, -1)),
+        ("--episode-s", (INF,)),
+        ("--speed-m-s", (NAN,)),
+        ("--margin-m", (-1, NAN)),
+        ("--anywhere", (2, NAN)),
+        ("--push-m-s", (NAN, -1)),
+        ("--tolerance-m", (NAN, -1)),
+        ("--anywhere-yaw-noise-rad", (NAN,)),
     ],
-)  # fmt: skip
+)
 def test_numbers_of_training(option, values, tmp_path, capfd):
     for value in values:
         refused(capfd, "train", "--out", tmp_path / "run", option, value)
@@ -264,9 +318,20 @@ def test_numbers_of_training(option, values, tmp_path, capfd):
 
 @pytest.mark.parametrize(
     "options",
-    [["--rollouts", 0], ["--rollouts", -5], ["--batch", 0], ["--objects", -1], ["--seed", -1], ["--threads", -2],
-     ["--size-m", NAN, 0.4], ["--size-m", -0.2, 0.4], ["--mass-kg", 1, INF], ["--mass-kg", 3, 1], ["--shapes", "cone"]],
-)  # fmt: skip
+    [
+        ["--rollouts", 0],
+        ["--rollouts", -5],
+        ["--batch", 0],
+        ["--objects", -1],
+        ["--seed", -1],
+        ["--threads", -2],
+        ["--size-m", NAN, 0.4],
+        ["--size-m", -0.2, 0.4],
+        ["--mass-kg", 1, INF],
+        ["--mass-kg", 3, 1],
+        ["--shapes", "cone"],
+    ],
+)
 def test_numbers_of_evaluation(options, onnx_file, capfd):
     refused(capfd, "evaluate", "--policy", onnx_file, "--scenes", "open_floor", *options)
 
@@ -286,7 +351,8 @@ def test_unknown_preset(command, tmp_path, capfd):
     assert "dual_hodpf" in refused(capfd, command, "--out", tmp_path / "x", "--num-envs", 4, "--preset", "triple")
 
 
-# outputs given wrongly --------------------------------------------------------------------------------------------------
+# outputs given wrongly
+# --------------------------------------------------------------------------------------------------
 
 
 def bad_outputs(tmp_path):

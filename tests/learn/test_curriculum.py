@@ -35,7 +35,8 @@ def test_few_episodes_move_the_rate_little():
     assert abs(curriculum.rate.item() - (0.5 + 0.25 * 0.5)) < 1e-6
 
 
-# goal distance and object size ------------------------------------------------------------------------------------------
+# goal distance and object size
+# ------------------------------------------------------------------------------------------
 
 
 class Held:
@@ -115,9 +116,14 @@ def test_a_run_without_stages_has_no_trace_of_them(run):
 
 @pytest.mark.parametrize(
     "changes",
-    [dict(curriculum_distance_m=0.1), dict(curriculum_distance_m=float("nan")), dict(curriculum_distance_m=-1.0),
-     dict(curriculum_objects=1.5), dict(curriculum_objects=float("nan"))],
-)  # fmt: skip
+    [
+        dict(curriculum_distance_m=0.1),
+        dict(curriculum_distance_m=float("nan")),
+        dict(curriculum_distance_m=-1.0),
+        dict(curriculum_objects=1.5),
+        dict(curriculum_objects=float("nan")),
+    ],
+)
 def test_impossible_stages_are_refused(tiny, tmp_path, changes):
     with pytest.raises(InvalidConfig, match="curriculum_"):
         tiny(tmp_path, **changes)

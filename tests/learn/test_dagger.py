@@ -112,8 +112,12 @@ def test_a_run_is_not_resumed_with_other_teachers_or_another_objective(student, 
 
 @pytest.mark.parametrize(
     "changes, message",
-    [(dict(teachers=()), "no teachers"), (dict(aggregate=0), "aggregate is 0"), (dict(exploration=1.5), "exploration is 1.5")],
-)  # fmt: skip
+    [
+        (dict(teachers=()), "no teachers"),
+        (dict(aggregate=0), "aggregate is 0"),
+        (dict(exploration=1.5), "exploration is 1.5"),
+    ],
+)
 def test_impossible_distillations_are_refused(student, tmp_path, changes, message):
     with pytest.raises(InvalidConfig, match=message):
         student(tmp_path, **changes)

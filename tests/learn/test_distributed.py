@@ -48,7 +48,8 @@ for name, minibatches in {cases!r}.items():
 
 
 class Joined(Rollout):
-    """A rollout whose minibatches are those of two ranks, joined: each rank shuffles rows of its own, here in the same order."""
+    """A rollout whose minibatches are those of two ranks, joined: each rank shuffles rows of its own, here in the same
+    order."""
 
     def minibatches(self, count, generator):
         halves = [
@@ -111,7 +112,8 @@ def torchrun(folder, *argv):
 
 @pytest.mark.slow
 def test_two_ranks_learn_like_one_process_with_the_joined_batch(tmp_path):
-    """One minibatch of all rows; and several, whose rows are the ranks' and of whose mirror images each rank samples its own."""
+    """One minibatch of all rows; and several, whose rows are the ranks' and of whose mirror images each rank samples
+    its own."""
     rollouts = {name: make_rollout(envs) for name, envs in ENVS.items()}
     assert STEPS * ENVS["several"] // 2 // MINIBATCHES["several"] >= 2 * MIRROR_ROWS, "the mirror loss leaves rows out"
     for name, rollout in rollouts.items():
@@ -150,9 +152,20 @@ def test_every_row_is_in_one_minibatch_of_an_epoch(count):
 def test_a_run_of_two_ranks_resumes_bit_for_bit_and_goes_on_with_one(tiny, tiny_options, tmp_path):
     def train(out, updates):
         torchrun(
-            tmp_path, "-m", "hotice.learn", "train", "--out", out, "--resume", "--updates", updates, *tiny_options,
-            "--scenes", "open_floor", "gap",
-        )  # fmt: skip
+            tmp_path,
+            "-m",
+            "hotice.learn",
+            "train",
+            "--out",
+            out,
+            "--resume",
+            "--updates",
+            updates,
+            *tiny_options,
+            "--scenes",
+            "open_floor",
+            "gap",
+        )
 
     train("whole", 2)
     train("parts", 1)

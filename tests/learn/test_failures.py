@@ -1,4 +1,5 @@
-"""What a machine may do to a command: disks that fill up or may not be written, memory that runs out, numbers that diverge."""
+"""What a machine may do to a command: disks that fill up or may not be written, memory that runs out, numbers that
+diverge."""
 
 import contextlib
 import errno
@@ -32,7 +33,8 @@ FEW = ["--num-envs", "4", "--steps", "4", "--checkpoint-updates", "1"]
 
 
 def refused(capfd, *argv):
-    """Runs a command that must fail with status 2 and say why in its last line, without a traceback. Returns the line."""
+    """Runs a command that must fail with status 2 and say why in its last line, without a traceback. Returns the
+    line."""
     capfd.readouterr()
     assert main([str(a) for a in argv]) == 2
     out, err = capfd.readouterr()
@@ -88,7 +90,8 @@ def begun(run, tmp_path):
     return make
 
 
-# the disk ---------------------------------------------------------------------------------------------------------------
+# the disk
+# ---------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("command", ["train", "distill"])
@@ -294,16 +297,19 @@ def test_a_thread_of_tensorboard_that_fails_says_nothing_twice(tiny, tmp_path, c
     assert "Traceback" not in capfd.readouterr().err and threading.excepthook is before
 
 
-# memory -----------------------------------------------------------------------------------------------------------------
+# memory
+# -----------------------------------------------------------------------------------------------------------------
 
 EXHAUSTED = {
     "python": MemoryError(),
-    "torch": RuntimeError("[enforce fail at alloc_cpu.cpp:127] err == 0. DefaultCPUAllocator: can't allocate memory: ..."),
+    "torch": RuntimeError(
+        "[enforce fail at alloc_cpu.cpp:127] err == 0. DefaultCPUAllocator: can't allocate memory: ..."
+    ),
     "cuda": torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.\nGPU 0 has ..."),
     "warp": RuntimeError("Failed to allocate 1073741824 bytes on device 'cuda:0'"),
     "mujoco": ValueError("Could not allocate memory"),
     "kernel": OSError(errno.ENOMEM, "Cannot allocate memory"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", EXHAUSTED)
@@ -348,7 +354,8 @@ def test_every_option_to_lower_exists():
                 assert word[2:].replace("-", "_") in _field_names(_config_type(command)), (command, word)
 
 
-# numbers ----------------------------------------------------------------------------------------------------------------
+# numbers
+# ----------------------------------------------------------------------------------------------------------------
 
 
 def test_weights_that_are_not_finite_are_never_saved(begun, tiny_options, tmp_path, capfd, monkeypatch):

@@ -31,9 +31,31 @@ def test_training_needs_no_analysis_library():
     assert not set(heavy) & {"pydrake", "pinocchio", "coal", "trimesh", "matplotlib", "onnx", "onnxscript"}
 
 
-ABSENT = ("pydrake", "pinocchio", "coal", "hppfcl", "fcl", "casadi", "adam", "meshcat", "trimesh", "osqp", "proxsuite",
-          "example_robot_data", "ray", "gymnasium", "matplotlib", "onnx", "onnxruntime", "onnxscript", "cyclonedds", "cv2",
-          "imageio_ffmpeg", "IPython", "ipywidgets")  # fmt: skip
+ABSENT = (
+    "pydrake",
+    "pinocchio",
+    "coal",
+    "hppfcl",
+    "fcl",
+    "casadi",
+    "adam",
+    "meshcat",
+    "trimesh",
+    "osqp",
+    "proxsuite",
+    "example_robot_data",
+    "ray",
+    "gymnasium",
+    "matplotlib",
+    "onnx",
+    "onnxruntime",
+    "onnxscript",
+    "cyclonedds",
+    "cv2",
+    "imageio_ffmpeg",
+    "IPython",
+    "ipywidgets",
+)
 """What a bare GPU node lacks."""
 
 BARE_NODE = f"""
@@ -66,7 +88,8 @@ print("trained")
 
 
 def test_a_bare_node_trains(tiny_options, tmp_path):
-    """No Drake, Pinocchio, collision or mesh package, no network: an update of dual PPO, of a student, and of its fine-tuning."""
+    """No Drake, Pinocchio, collision or mesh package, no network: an update of dual PPO, of a student, and of its
+    fine-tuning."""
     more = {"train": "--curriculum-distance-m 1", "distill": "--generalist train", "finetune": "--init distill"}
     tiny = f"{' '.join(tiny_options)} --updates 1 --scenes gap"
     commands = [f"{name} {tiny} {options} --out {name}" for name, options in more.items()]

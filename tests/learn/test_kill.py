@@ -1,6 +1,7 @@
 """Work that is killed at random moments, again and again, ends bit for bit where undisturbed work ends.
 
-By default thirteen kills in all, three a command; `HOTICE_KILLS=10 pytest tests/learn/test_kill.py` kills each ten times.
+By default thirteen kills in all, three a command; `HOTICE_KILLS=10 pytest tests/learn/test_kill.py` kills each ten
+times.
 """
 
 import json
@@ -39,7 +40,8 @@ def processes():
 def survive(processes, argv, achieved, seed, kills=KILLS, also=lambda: None):
     """Runs a command, kills it so many times, mostly a while after it has got further, then lets it end.
 
-    `achieved(kill)` gives the set of what is done, as far as that kill waits for it; `also()` kills what the command had started.
+    `achieved(kill)` gives the set of what is done, as far as that kill waits for it; `also()` kills what the command
+    had started.
     """
     moments = random.Random(seed)
     for kill in range(kills):
@@ -117,12 +119,20 @@ def test_an_evaluation_that_was_killed_ends_like_one_that_was_not(threads, kills
 
 
 def test_a_pipeline_whose_machine_dies_ends_like_one_that_was_not_disturbed(processes, tmp_path):
-    """The kills are shared out: the first wait for the teacher to get on, the next for the student, the last for the score."""
+    """The kills are shared out: the first wait for the teacher to get on, the next for the student, the last for the
+    score."""
     updates = 10 * KILLS
     tiny = {
-        "num_envs": 4, "steps": 4, "minibatches": 2, "hidden": 16, "critic_hidden": 16, "carry_states": 2,
-        "episode_s": 0.3, "checkpoint_updates": 1, "updates": updates,
-    }  # fmt: skip
+        "num_envs": 4,
+        "steps": 4,
+        "minibatches": 2,
+        "hidden": 16,
+        "critic_hidden": 16,
+        "carry_states": 2,
+        "episode_s": 0.3,
+        "checkpoint_updates": 1,
+        "updates": updates,
+    }
     trials = {"scenes": "open_floor", "objects": 1, "batch": 1, "rollouts": 4 * KILLS, "horizon_s": 1.0}
     jobs = {
         "teacher": {"command": "train", "options": tiny},
@@ -153,13 +163,15 @@ def test_a_pipeline_whose_machine_dies_ends_like_one_that_was_not_disturbed(proc
                 continue
 
     survive(
-        processes, ["pipeline", str(path), "--retries", "0"], lambda kill: stages[kill * len(stages) // KILLS](),
-        seed=2, also=its_jobs_die_too,
-    )  # fmt: skip
+        processes,
+        ["pipeline", str(path), "--retries", "0"],
+        lambda kill: stages[kill * len(stages) // KILLS](),
+        seed=2,
+        also=its_jobs_die_too,
+    )
     assert half_written(tmp_path / "out") == []
-    (tmp_path / "out").rename(
-        tmp_path / "killed"
-    )  # the undisturbed run has the same paths, which reports and checkpoints name
+    # the undisturbed run has the same paths, which reports and checkpoints name
+    (tmp_path / "out").rename(tmp_path / "killed")
     for name in ("teacher", "student", "score"):
         jobs[name].folder.mkdir(parents=True)
         assert main([jobs[name].command, *jobs[name].argv]) == 0

@@ -54,9 +54,12 @@ def test_a_student_owes_to_its_teachers(run, tiny, tmp_path):
 
 def test_tables_tell_what_came_before():
     report = {
-        "policy": "student", "preset": "dual_hodpf", "source": {}, "perturbed": True,
+        "policy": "student",
+        "preset": "dual_hodpf",
+        "source": {},
+        "perturbed": True,
         "trained": {"steps": 5, "total_steps": 12, "updates": 1, "minutes": 1.0, "seed": 0},
-    }  # fmt: skip
+    }
     made = {"generalist": Made(report=report, evaluated_by="hotice evaluate", trained_by=None)}
     assert "trained for 5 steps after 7 of the checkpoints that it began from (1 updates" in origins_markdown(made)
     report["trained"]["total_steps"] = 5

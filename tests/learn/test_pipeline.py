@@ -23,18 +23,27 @@ from hotice.learn.runner import Runner
 
 SMALL = Path(module.__file__).resolve().parents[1] / "pipelines" / "small.yaml"
 TINY = {
-    "num_envs": 8, "steps": 8, "minibatches": 2, "hidden": 16, "critic_hidden": 16, "carry_states": 2, "episode_s": 0.3,
+    "num_envs": 8,
+    "steps": 8,
+    "minibatches": 2,
+    "hidden": 16,
+    "critic_hidden": 16,
+    "carry_states": 2,
+    "episode_s": 0.3,
     "checkpoint_updates": 1,
-}  # fmt: skip
+}
 
 
 def graph(**jobs):
     """A pipeline of three teachers and what follows, with changes."""
     base = {
         "teacher": {"command": "train", "each": ["gap", "beam", ["pipe", "pillars"]], "options": {"scenes": "$each"}},
-        "student": {"command": "distill", "options": {"scenes": ["gap", "beam"], "teachers": "$teacher", "init": "$teacher/gap"}},
+        "student": {
+            "command": "distill",
+            "options": {"scenes": ["gap", "beam"], "teachers": "$teacher", "init": "$teacher/gap"},
+        },
         "policy": {"command": "export", "options": {"policy": "$student"}},
-    }  # fmt: skip
+    }
     return {"format": "hotice-pipeline/1", "out": "out", "jobs": base | jobs}
 
 
@@ -61,7 +70,8 @@ def options(job):
     return values
 
 
-# the file ---------------------------------------------------------------------------------------------------------------
+# the file
+# ---------------------------------------------------------------------------------------------------------------
 
 
 def test_references_are_the_graph(write):
@@ -127,10 +137,12 @@ BAD = {
     "no set": (graph(a={"command": "train", "each": "bench21"}), "unknown scene set 'bench21'"),
     "no cores": (graph(a={"command": "train", "cpus": 0}), "cpus is 0"),
     "a circle": (
-        graph(a={"command": "finetune", "options": {"init": "$b"}}, b={"command": "finetune", "options": {"init": "$a"}}),
+        graph(
+            a={"command": "finetune", "options": {"init": "$b"}}, b={"command": "finetune", "options": {"init": "$a"}}
+        ),
         "in a circle: ",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -159,7 +171,8 @@ def test_the_command_line(write, capfd, tmp_path):
     assert len(lines) == 3 and "no such file" in lines[0] and "workers is 0" in lines[1] and "cannot create" in lines[2]
 
 
-# the schedule -----------------------------------------------------------------------------------------------------------
+# the schedule
+# -----------------------------------------------------------------------------------------------------------
 
 
 class Pretence:
@@ -218,9 +231,12 @@ def test_who_dies_is_tried_again_but_not_for_ever(pretend):
 def test_errors_of_the_user_are_final_and_leave_out_what_needs_them(pretend):
     log, states, _, _ = pretend(lambda job, attempt: 2 if job.name == "teacher/gap" else 0)
     assert states == {
-        "teacher/gap": "failed", "teacher/beam": "done", "teacher/pipe+pillars": "done", "student": "left out",
+        "teacher/gap": "failed",
+        "teacher/beam": "done",
+        "teacher/pipe+pillars": "done",
+        "student": "left out",
         "policy": "left out",
-    }  # fmt: skip
+    }
     assert log.count("teacher/gap") == 1
 
 
@@ -240,17 +256,20 @@ def test_without_ray_the_cluster_is_refused(write, monkeypatch):
         run_pipeline(PipelineConfig(config=write(graph()), cluster="auto"))
 
 
-# with processes ---------------------------------------------------------------------------------------------------------
+# with processes
+# ---------------------------------------------------------------------------------------------------------
 
 
 def training(updates):
     return {
-        "format": "hotice-pipeline/1", "out": "out", "defaults": {"train": TINY},
+        "format": "hotice-pipeline/1",
+        "out": "out",
+        "defaults": {"train": TINY},
         "jobs": {
             "teacher": {"command": "train", "options": {"updates": updates, "threads": 1}},
             "policy": {"command": "export", "options": {"policy": "$teacher"}},
         },
-    }  # fmt: skip
+    }
 
 
 def is_like_undisturbed(job, tiny, out, updates, **changes):
@@ -320,7 +339,8 @@ def test_a_second_process_of_a_job_waits_for_the_first(tmp_path):
 
 @pytest.mark.slow
 def test_one_of_two_nodes_of_a_ray_cluster_dies(write, tiny, tmp_path, monkeypatch):
-    """Two teachers side by side: one loses its machine when both have got on, and goes on elsewhere; the other is left alone."""
+    """Two teachers side by side: one loses its machine when both have got on, and goes on elsewhere; the other is left
+    alone."""
     pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
@@ -369,8 +389,10 @@ def test_one_of_two_nodes_of_a_ray_cluster_dies(write, tiny, tmp_path, monkeypat
         cluster.shutdown()
     rows = json.loads((tmp_path / "out" / STATUS).read_text())["jobs"]
     assert [(r["name"], r["state"], r["attempts"]) for r in rows] == [
-        ("teacher/open_floor", "done", 2), ("teacher/gap", "done", 1), ("policy", "done", 1),
-    ]  # fmt: skip
+        ("teacher/open_floor", "done", 2),
+        ("teacher/gap", "done", 1),
+        ("policy", "done", 1),
+    ]
     for job, scene in zip(load_pipeline(path).jobs, ("open_floor", "gap"), strict=False):
         assert is_like_undisturbed(job, tiny, tmp_path / scene, 30, scenes=(scene,)), scene
 

@@ -75,11 +75,14 @@ def test_fallbacks_are_told_and_counted(short_run, tmp_path, capsys):
 @pytest.mark.parametrize(
     "options, message",
     [
-        (["--seconds", 0], "seconds is 0.0"), (["--seconds", "nan"], "seconds is nan"),
-        (["--policy", "nobody"], "unknown policy 'nobody'"), (["--policy", "."], "hotice export"),
-        (["--scene", "nowhere"], "unknown scene 'nowhere'"), (["--out", "no/such/\0/p.html"], "hotice:"),
+        (["--seconds", 0], "seconds is 0.0"),
+        (["--seconds", "nan"], "seconds is nan"),
+        (["--policy", "nobody"], "unknown policy 'nobody'"),
+        (["--policy", "."], "hotice export"),
+        (["--scene", "nowhere"], "unknown scene 'nowhere'"),
+        (["--out", "no/such/\0/p.html"], "hotice:"),
     ],
-)  # fmt: skip
+)
 def test_refusals(options, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     status, text = played(capsys, "--controller", "pickup_then_policy", "--rollouts", 1, *options)
@@ -94,9 +97,12 @@ def test_an_unknown_controller(capsys):
 
 
 def test_a_scene_without_room_for_a_table(tmp_path, capsys):
-    walls = tuple(Obstacle(f"w{i}", "side", BoxShape((0.3, 0.3, 1.4)), (x, y, 0.7))
-                  for i, (x, y) in enumerate([(0.0, 0.65), (0.0, -0.65), (-0.65, 0.0), (-0.5, 0.5), (-0.5, -0.5), (0.4, 0.55),
-                                              (0.4, -0.55)]))  # fmt: skip
+    walls = tuple(
+        Obstacle(f"w{i}", "side", BoxShape((0.3, 0.3, 1.4)), (x, y, 0.7))
+        for i, (x, y) in enumerate(
+            [(0.0, 0.65), (0.0, -0.65), (-0.65, 0.0), (-0.5, 0.5), (-0.5, -0.5), (0.4, 0.55), (0.4, -0.55)]
+        )
+    )
     Scene("cell", bounds_m=((-1.0, -1.0, 0.0), (2.5, 1.0, 1.5)), obstacles=walls).save(tmp_path / "cell.json")
     status, text = played(
         capsys, "--controller", "pickup", "--scene", tmp_path / "cell.json", "--out", tmp_path / "p.html"

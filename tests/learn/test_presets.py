@@ -1,4 +1,5 @@
-"""The rows of Table I differ by one switch each, number of agents and field of hands and object, and by nothing else."""
+"""The rows of Table I differ by one switch each, number of agents and field of hands and object, and by nothing
+else."""
 
 import dataclasses
 
@@ -17,9 +18,11 @@ from hotice.sim.env import TransportEnv
 from hotice.sim.rewards import L, S, U
 
 SWITCHES = [
-    ("agents", "single_sgf", "dual_sgf"), ("agents", "single_hodpf", "dual_hodpf"),
-    ("object_field", "single_sgf", "single_hodpf"), ("object_field", "dual_sgf", "dual_hodpf"),
-]  # fmt: skip
+    ("agents", "single_sgf", "dual_sgf"),
+    ("agents", "single_hodpf", "dual_hodpf"),
+    ("object_field", "single_sgf", "single_hodpf"),
+    ("object_field", "dual_sgf", "dual_hodpf"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +97,10 @@ def test_the_agents_share_or_split_the_same_rewards(envs):
         (whole, terms), (streams, same) = (env.rewards(env.snapshot()) for env in (single, dual))
         assert torch.equal(terms, same)
         dt = single.config.control_dt_s
-        by_set = {who: sum(t * r.weight * dt for r, t in zip(single.rewards.rows, terms.T, strict=True) if r.agents == who)
-                  for who in (L, U, S)}  # fmt: skip
+        by_set = {
+            who: sum(t * r.weight * dt for r, t in zip(single.rewards.rows, terms.T, strict=True) if r.agents == who)
+            for who in (L, U, S)
+        }
         torch.testing.assert_close(whole[:, 0], by_set[L] + by_set[U] + by_set[S])
         torch.testing.assert_close(streams[:, 0], by_set[L] + by_set[S])
         torch.testing.assert_close(streams[:, 1], by_set[U] + by_set[S])

@@ -42,13 +42,15 @@ def meta(onnx_file):
 SCENES = {
     "success": (Scene("near", goal=(0.04, 0.0)), 0.0),
     "object_collision": (
-        Scene("block", obstacles=(Obstacle("it", "side", BoxShape((0.3, 0.3, 0.1)), (0.62, 0.0, 0.85)),)), 0.0,
+        Scene("block", obstacles=(Obstacle("it", "side", BoxShape((0.3, 0.3, 0.1)), (0.62, 0.0, 0.85)),)),
+        0.0,
     ),
     "robot_collision": (
-        Scene("aside", obstacles=(Obstacle("it", "side", BoxShape((0.1, 0.3, 0.3)), (0.05, 0.31, 0.9)),)), 0.0,
+        Scene("aside", obstacles=(Obstacle("it", "side", BoxShape((0.1, 0.3, 0.3)), (0.05, 0.31, 0.9)),)),
+        0.0,
     ),
     "drop": (Scene("open"), 3.0),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("cause", SCENES)

@@ -16,8 +16,8 @@ LIMIT, STAY = 100, 20
 
 
 def sequence(steps=LIMIT + STAY, **events):
-    """Signals of one trial of `steps` steps, numbered from 1, the goal 1 m off; events: name = {step: value}, which lasts for
-    distances and gaps, and for a flag is that step."""
+    """Signals of one trial of `steps` steps, numbered from 1, the goal 1 m off; events: name = {step: value}, which
+    lasts for distances and gaps, and for a flag is that step."""
     made = {}
     for f in fields(Signals):
         flag = not f.name.endswith("_m")
@@ -59,7 +59,7 @@ def verdict(rule, **events):
         (dict(robot_gap_m={20: -0.3, 52: 0.5}, goal_m={80: 0.0}), ("success", 80), ("robot_collision", 51)),
         (dict(robot_gap_m={20: -0.3}, goal_m={50: 0.0}), ("success", 50), ("success", 50)),
     ],
-)  # fmt: skip
+)
 def test_verdicts(events, by_exact, by_points):
     assert FREE_STEPS == 50
     assert verdict(exact, **events) == by_exact and verdict(points, **events) == by_points
@@ -69,7 +69,12 @@ def test_verdicts(events, by_exact, by_points):
     "events, distance, standing, stayed",
     [
         (dict(goal_m={30: 0.09, 40: 0.02}), 0.02, True, True),
-        (dict(goal_m={30: 0.09, 40: 0.15, 50: 0.09, 51: 0.3}), 0.3, True, True),  # looked at a second later, not between
+        (
+            dict(goal_m={30: 0.09, 40: 0.15, 50: 0.09, 51: 0.3}),
+            0.3,
+            True,
+            True,
+        ),  # looked at a second later, not between
         (dict(goal_m={30: 0.09, 50: 0.11}), 0.11, True, False),
         (dict(goal_m={30: 0.09}, object_hit={60: True}), 0.09, False, True),
         (dict(goal_m={30: 0.09, 44: 0.4, 45: 0.01}, fall={44: True}), 0.4, False, False),
@@ -84,7 +89,7 @@ def test_verdicts(events, by_exact, by_points):
         (dict(goal_m={99: 0.8, 101: 0.05}), 0.8, False, False),
         (dict(goal_m={30: 0.7, 31: 0.05}, fall={30: True}), 0.7, False, False),
     ],
-)  # fmt: skip
+)
 def test_what_comes_after_an_arrival(events, distance, standing, stayed):
     found = afterwards(sequence(**events), LIMIT, STAY)
     assert found.distance_m[0] == distance

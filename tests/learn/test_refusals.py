@@ -124,7 +124,8 @@ def test_reproduce_asks_for_scenes_before_it_trains(tmp_path, monkeypatch):
         ReproduceConfig(what="all", seed=2**70)
 
 
-# trials that were kept --------------------------------------------------------------------------------------------------
+# trials that were kept
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -159,7 +160,8 @@ def test_damaged_settings_start_anew(kept, content):
     assert json.loads((kept / "settings.json").read_text()) == {"seed": 1}
 
 
-# observations of another kind -------------------------------------------------------------------------------------------
+# observations of another kind
+# -------------------------------------------------------------------------------------------
 
 
 def test_the_scan_is_named_with_its_option(run, tiny_options, tmp_path, capfd):
@@ -195,11 +197,16 @@ def changed(run, tmp_path):
 @pytest.mark.parametrize(
     "path, value, message",
     [
-        (("task",), -1, "leg_scale_rad|physics_dt_s"), (("task",), [], "physics_dt_s"), (("init_std",), [], "no checkpoint of"),
-        (("task", "leg_scale_rad"), None, "leg_scale_rad is None"), (("task", "leg_scale_rad"), "x", "leg_scale_rad is 'x'"),
-        (("task", "resolution_m"), [], "resolution_m is"), (("task", "scan"), 1, "scan is 1"), (("preset",), "x", "preset"),
+        (("task",), -1, "leg_scale_rad|physics_dt_s"),
+        (("task",), [], "physics_dt_s"),
+        (("init_std",), [], "no checkpoint of"),
+        (("task", "leg_scale_rad"), None, "leg_scale_rad is None"),
+        (("task", "leg_scale_rad"), "x", "leg_scale_rad is 'x'"),
+        (("task", "resolution_m"), [], "resolution_m is"),
+        (("task", "scan"), 1, "scan is 1"),
+        (("preset",), "x", "preset"),
     ],
-)  # fmt: skip
+)
 def test_what_a_checkpoint_notes_is_not_trusted(changed, path, value, message):
     with pytest.raises((CheckpointError, UnknownName), match=message) as caught:
         load_policy(changed(*path, value=value))

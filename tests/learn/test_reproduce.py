@@ -39,9 +39,16 @@ def scenes(tmp_path):
 
 def quick(tmp_path, scenes, what, **changes):
     given = dict(
-        what=what, out=tmp_path / "out", rollouts=1, num_envs=8, updates=1, threads=1, bench=(scenes[0],),
-        training=(scenes[0],), unseen=tuple(scenes[1:]),
-    )  # fmt: skip
+        what=what,
+        out=tmp_path / "out",
+        rollouts=1,
+        num_envs=8,
+        updates=1,
+        threads=1,
+        bench=(scenes[0],),
+        training=(scenes[0],),
+        unseen=tuple(scenes[1:]),
+    )
     return ReproduceConfig(**given | changes)
 
 

@@ -30,7 +30,8 @@ def correlated(rows):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_trials_of_the_same_number_have_nothing_in_common(seed):
-    """Robots, and objects by their rank. Of 66 pairs of 400 pairs of numbers each, chance gives r > 0.24 once in 10,000 tests."""
+    """Robots, and objects by their rank. Of 66 pairs of 400 pairs of numbers each, chance gives r > 0.24 once in 10,000
+    tests."""
     seeds = [TrialSeeds.of(seed, scene(i)) for i in range(SCENES)]
     robots = np.array([[rng.uniform() for rng in s.robots(0, TRIALS)] for s in seeds])
     objects = np.array([s.objects(TRIALS, POOL) for s in seeds], dtype=float)
@@ -76,7 +77,8 @@ def test_scene_and_seed_decide(tmp_path):
 
 
 def test_what_environments_draw_has_nothing_in_common():
-    """Starts, encoders, gains, delays, noise and pushes of 60 trials with the same object in two scenes, and within one."""
+    """Starts, encoders, gains, delays, noise and pushes of 60 trials with the same object in two scenes, and within
+    one."""
     state = solve_carry(Box((0.3, 0.3, 0.3), 1.0))
     drawn = []
     for place in (scene(0), scene(1)):
@@ -91,11 +93,14 @@ def test_what_environments_draw_has_nothing_in_common():
         assert len(np.unique(gain[:, 0])) == 60 and len(set(map(id, env.carry.models))) == 60
         drawn.append(
             {
-                "start": start[:, 0].numpy(), "encoder": env.carry.joint_offset[:, 3].numpy(), "gain": gain[:, 0],
-                "delay": env.sensors.action_delay.numpy().astype(float), "noise": noise[:, 8].numpy(),
+                "start": start[:, 0].numpy(),
+                "encoder": env.carry.joint_offset[:, 3].numpy(),
+                "gain": gain[:, 0],
+                "delay": env.sensors.action_delay.numpy().astype(float),
+                "noise": noise[:, 8].numpy(),
                 "pushes": pushes.numpy(),
             }
-        )  # fmt: skip
+        )
     for name in drawn[0]:
         a, b = drawn[0][name], drawn[1][name]
         assert np.std(a) > 0 and abs(np.corrcoef(a, b)[0, 1]) < 0.5, name

@@ -10,7 +10,8 @@ from hotice.learn.trials import Trials, TrialStore, read_trials, success_interva
 
 
 def test_ratio_by_hand():
-    """Two scenes of rate 1/2 that always agree: means 0 and 1, variance 1/3 (of 4, ddof 1), independent: 2 * (1/3) / 4."""
+    """Two scenes of rate 1/2 that always agree: means 0 and 1, variance 1/3 (of 4, ddof 1), independent: 2 * (1/3) /
+    4."""
     same = [[True, False, True, False], [True, False, True, False]]
     assert spread_ratio(same) == pytest.approx(np.sqrt((1 / 3) / (1 / 6)))
     opposite = [[True, False, True, False], [False, True, False, True]]
@@ -77,9 +78,15 @@ def test_what_one_part_lacks_all_lack():
 
 def test_rates_of_arrivals():
     row = trials(
-        True, True, False, True, distance_at_limit_m=(0.1, 0.2, 0.9, 0.0), standing=(True, False, False, True),
-        stayed=(True, False, False, False), points=("success", "success", "robot_collision", "fall"),
-    ).summary()  # fmt: skip
+        True,
+        True,
+        False,
+        True,
+        distance_at_limit_m=(0.1, 0.2, 0.9, 0.0),
+        standing=(True, False, False, True),
+        stayed=(True, False, False, False),
+        points=("success", "success", "robot_collision", "fall"),
+    ).summary()
     assert row["standing_share"] == pytest.approx(2 / 3) and row["stayed_share"] == pytest.approx(1 / 3)
     assert row["mean_distance_at_limit_m"] == pytest.approx(0.3)
     assert row["points"]["success_rate"] == 0.5 and row["points"]["robot_collisions"] == row["points"]["falls"] == 1

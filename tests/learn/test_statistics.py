@@ -10,9 +10,13 @@ TIMEOUT, FALL = OUTCOMES.index("timeout"), OUTCOMES.index("fall")
 
 def step(outcome, reached, touched=(False, False), distance=(1.0, 1.0), length=(10, 20)):
     return SimpleNamespace(
-        outcome=torch.tensor(outcome), reached=torch.tensor(reached), touched=torch.tensor(touched),
-        goal_distance=torch.tensor(distance), length=torch.tensor(length), scene=torch.tensor([0, 1]),
-    )  # fmt: skip
+        outcome=torch.tensor(outcome),
+        reached=torch.tensor(reached),
+        touched=torch.tensor(touched),
+        goal_distance=torch.tensor(distance),
+        length=torch.tensor(length),
+        scene=torch.tensor([0, 1]),
+    )
 
 
 def test_first_arrival_counts_whatever_ends_the_episode():

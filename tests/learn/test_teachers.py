@@ -32,9 +32,10 @@ def load(run, tiny):
 
     def make(specialists, scenes, generalist=None, task=None, preset="dual_hodpf", layout=layout_of_run):
         env = SimpleNamespace(
-            bank=SimpleNamespace(names=list(scenes)), device=torch.device("cpu"),
+            bank=SimpleNamespace(names=list(scenes)),
+            device=torch.device("cpu"),
             policy_table=SimpleNamespace(layout=lambda: layout),
-        )  # fmt: skip
+        )
         task = config_to_dict(tiny("x").task) | (task or {})
         return Teachers.load(specialists, generalist, env, task, preset)
 

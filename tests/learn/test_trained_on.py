@@ -122,10 +122,17 @@ def test_records_that_cannot_be_are_refused(change):
 
 def test_families_by_name():
     names = {
-        "unseen50/31_s_bend": "s_bend", "two_steps_s12_03": "two_steps", "beam_across_03": "beam_across", "beam_03": "beam",
-        "indoor_living_room_012": "indoor", "open_floor": "open", "my_room": None, "one_pipe_thing_01": None,
-        "gap_01b": None, "beam_s3": None,
-    }  # fmt: skip
+        "unseen50/31_s_bend": "s_bend",
+        "two_steps_s12_03": "two_steps",
+        "beam_across_03": "beam_across",
+        "beam_03": "beam",
+        "indoor_living_room_012": "indoor",
+        "open_floor": "open",
+        "my_room": None,
+        "one_pipe_thing_01": None,
+        "gap_01b": None,
+        "beam_s3": None,
+    }
     assert {name: family_of(name) for name in names} == names
     for family in ("open", "combo", "hanging", "indoor"):
         assert {family_of(scene.name) for scene in family_scenes(family, 2, 3)} == {family}
@@ -146,7 +153,8 @@ def test_shipped_policies_say_what_they_were_trained_on(name):
 
 
 def test_scenes_of_the_shipped_line_are_what_they_were():
-    """A generator that changes gives other scenes than the policies were trained on: then this and `reproduce unseen` say so."""
+    """A generator that changes gives other scenes than the policies were trained on: then this and `reproduce unseen`
+    say so."""
     record = whole_record(load_policy("carry").meta, "carry")
     again = TrainingScenes.of(record)
     assert again.left_out == () and len(again.scenes) > 150

@@ -13,9 +13,12 @@ from hotice.model.scene import load_scene
 def test_a_scene_stands_to_the_record_as_its_family_does():
     record = TrainedOn.of_items(("bench20", "family:pipe:3"))
     groups = {
-        "bench20/05_slalom": "scene_trained_on", "unseen50/11_slalom": "family_trained_on", "pipe": "family_trained_on",
-        "unseen50/31_s_bend": "family_not_trained_on", "gap": "family_not_trained_on",
-    }  # fmt: skip
+        "bench20/05_slalom": "scene_trained_on",
+        "unseen50/11_slalom": "family_trained_on",
+        "pipe": "family_trained_on",
+        "unseen50/31_s_bend": "family_not_trained_on",
+        "gap": "family_not_trained_on",
+    }
     assert {name: group_of(load_scene(name), record) for name in groups} == groups
     assert group_of(load_scene("gap").renamed("my room"), record) == "family_unknown"
     assert group_of(family_scenes("pipe", 3)[1], record) == "scene_trained_on"

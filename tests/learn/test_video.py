@@ -67,8 +67,14 @@ def test_failures_come_first(record):
     records = [dataclasses.replace(record, outcome=o, policy=str(i)) for i, o in enumerate(outcomes)]
     ordered = failures_first(records)
     assert [r.outcome for r in ordered] == [
-        "robot_collision", "drop", "drop", "timeout", "unstable", "success", "success"
-    ]  # fmt: skip
+        "robot_collision",
+        "drop",
+        "drop",
+        "timeout",
+        "unstable",
+        "success",
+        "success",
+    ]
     assert [r.policy for r in ordered if r.outcome in ("drop", "success")] == ["1", "6", "0", "2"]
 
 

@@ -217,7 +217,8 @@ def test_the_time_limit_is_that_of_both(onnx_file):
     assert trials.outcomes == {"timeout": 1} and trials.time_s == (0.1,)
 
 
-# asked for wrongly ------------------------------------------------------------------------------------------------------
+# asked for wrongly
+# ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

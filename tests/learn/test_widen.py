@@ -12,9 +12,13 @@ from hotice.learn.widen import alike, columns_within, widen
 from hotice.sim.config import TaskConfig
 
 SMALL = {
-    "scenes": ("pipe",), "num_envs": 8, "threads": 1, "hidden": (16,), "critic_hidden": (16,),
+    "scenes": ("pipe",),
+    "num_envs": 8,
+    "threads": 1,
+    "hidden": (16,),
+    "critic_hidden": (16,),
     "ppo": PpoConfig(steps=4, minibatches=2),
-}  # fmt: skip
+}
 
 
 def test_columns_of_an_observation_within_another():
@@ -25,10 +29,14 @@ def test_columns_of_an_observation_within_another():
 
 def test_only_what_reads_the_observation_becomes_wider():
     tensors = {
-        "net.obs_norm.mean": torch.ones(2), "net.obs_norm.var": torch.full((2,), 3.0),
-        "net.nets.low.actor.0.weight": torch.ones(4, 2), "net.nets.low.critic.0.weight": torch.ones(4, 5),
-        "optimizer.1.exp_avg": torch.ones(4, 2), "optimizer.2.exp_avg": torch.ones(4), "optimizer.1.step": torch.tensor(3.0),
-    }  # fmt: skip
+        "net.obs_norm.mean": torch.ones(2),
+        "net.obs_norm.var": torch.full((2,), 3.0),
+        "net.nets.low.actor.0.weight": torch.ones(4, 2),
+        "net.nets.low.critic.0.weight": torch.ones(4, 5),
+        "optimizer.1.exp_avg": torch.ones(4, 2),
+        "optimizer.2.exp_avg": torch.ones(4),
+        "optimizer.1.step": torch.tensor(3.0),
+    }
     wider = widen(tensors, [("a", 1), ("c", 1)], [("a", 1), ("b", 1), ("c", 1)], "obs_norm", "actor")
     assert wider["net.obs_norm.mean"].tolist() == [1.0, 0.0, 1.0] and wider["net.obs_norm.var"].tolist() == [
         3.0,

@@ -1,4 +1,5 @@
-"""Writes the fixture `data/front3d`: a made-up house in the layout of 3D-FRONT, with one of each defect of the real data.
+"""Writes the fixture `data/front3d`: a made-up house in the layout of 3D-FRONT, with one of each defect of the real
+data.
 
     python tests/model/front3d_fixture.py [FOLDER]
 
@@ -184,17 +185,37 @@ def house() -> dict[str, Any]:
     table = child("f_table") | TABLE_POSE
     table["pos"] = [TABLE_POSE["pos"][0], TABLE_POSE["pos"][1] + FLOOR, TABLE_POSE["pos"][2]]
     living = [
-        *(child(f"m_{m}") for m in ("floor_1", "ceiling", "wall_south", "wall_north", "door_1", "range", "nan", "empty")),
-        table, child("f_chair", 1.2, 2.2, 1), child("f_chair", 4.4, 0.5, 2), child("f_sofa", 1.5, 3.4, 2),
-        child("f_lamp", 2.2, 1.2), child("f_rug", 2.5, 0.9), child("f_books", 3.9, 1.6),
-        child("f_gone"), child(None), child("f_missing"), child("f_unsafe"), child("f_invalid"), child("f_shadow"),
-        child("f_garbage"), child("f_nan", 0.4, 0.4), child("f_chair", scale=[1000.0, 1.0, 1.0]),
-        child("f_chair", pos=[NAN, 0.0, 0.0]), child("f_chair", rot=[0.0, 0.0, 0.0]), child("f_chair", pos=[1e7, 0, 0]),
-    ]  # fmt: skip
+        *(
+            child(f"m_{m}")
+            for m in ("floor_1", "ceiling", "wall_south", "wall_north", "door_1", "range", "nan", "empty")
+        ),
+        table,
+        child("f_chair", 1.2, 2.2, 1),
+        child("f_chair", 4.4, 0.5, 2),
+        child("f_sofa", 1.5, 3.4, 2),
+        child("f_lamp", 2.2, 1.2),
+        child("f_rug", 2.5, 0.9),
+        child("f_books", 3.9, 1.6),
+        child("f_gone"),
+        child(None),
+        child("f_missing"),
+        child("f_unsafe"),
+        child("f_invalid"),
+        child("f_shadow"),
+        child("f_garbage"),
+        child("f_nan", 0.4, 0.4),
+        child("f_chair", scale=[1000.0, 1.0, 1.0]),
+        child("f_chair", pos=[NAN, 0.0, 0.0]),
+        child("f_chair", rot=[0.0, 0.0, 0.0]),
+        child("f_chair", pos=[1e7, 0, 0]),
+    ]
     bedroom = [
         *(child(f"m_{m}") for m in ("floor_2", "door_2")),
-        child("f_shelf", 8.0, 3.8), child("f_stool", 7.2, 1.6), child("f_books", 6.4, 2.2), child("f_chair", 6.2, 3.4),
-    ]  # fmt: skip
+        child("f_shelf", 8.0, 3.8),
+        child("f_stool", 7.2, 1.6),
+        child("f_books", 6.4, 2.2),
+        child("f_chair", 6.2, 3.4),
+    ]
     rooms = [{"type": "LivingRoom", "children": living}, {"type": "Bedroom", "children": bedroom}, "no room"]
     return {"uid": "house-1", "furniture": furniture(), "mesh": meshes(), "scene": {"room": rooms}}
 

@@ -18,7 +18,8 @@ PRIMITIVES = [BoxShape((0.3, 0.2, 0.5)), CylinderShape(0.1, 0.4), CapsuleShape(0
 
 
 def u_profile(folder, name="profile.obj"):
-    """A U standing upright, 0.6 m wide, 0.4 m deep, 0.5 m high, walls and bottom 0.1 m thick: its hollow is no matter."""
+    """A U standing upright, 0.6 m wide, 0.4 m deep, 0.5 m high, walls and bottom 0.1 m thick: its hollow is no
+    matter."""
     import trimesh
 
     outline = np.array([[-0.3, 0], [0.3, 0], [0.3, 0.5], [0.2, 0.5], [0.2, 0.1], [-0.2, 0.1], [-0.2, 0.5], [-0.3, 0.5]])

@@ -27,12 +27,15 @@ def clutter(rng):
     """Two obstacles of each primitive, some of them in the way."""
     shapes = [BoxShape((0.3, 0.2, 0.5)), CylinderShape(0.1, 0.4), CapsuleShape(0.08, 0.3), SphereShape(0.15)]
     return Scene(
-        "clutter", ((-2, -2, 0), (2, 2, 2)), (-1.9, -1.9, 0), (1.9, 1.9),
+        "clutter",
+        ((-2, -2, 0), (2, 2, 2)),
+        (-1.9, -1.9, 0),
+        (1.9, 1.9),
         tuple(
             Obstacle(f"o{i}", "side", shapes[i % 4], tuple(rng.uniform([-0.6, -0.6, 0.1], [0.9, 0.9, 1.3])), quat)
             for i, quat in enumerate(map(tuple, unit(rng.normal(size=(8, 4)))))
         ),
-    )  # fmt: skip
+    )
 
 
 def random_qpos(carry, rng, joints=20):
@@ -152,9 +155,10 @@ def test_depth_of_spheres_and_boxes_in_closed_form():
     """A ball of 0.14 m radius against a ball, the face of a box and the side of a capsule, apart and pressed in."""
     ball, capsule_axis = Sphere(0.14, 1.0), 0.3
     obstacles = (
-        Obstacle("ball", "side", SphereShape(0.1), (3.0, 0, 0.5)), Obstacle("box", "side", BoxShape((1, 1, 1)), (0, 3.0, 0.5)),
+        Obstacle("ball", "side", SphereShape(0.1), (3.0, 0, 0.5)),
+        Obstacle("box", "side", BoxShape((1, 1, 1)), (0, 3.0, 0.5)),
         Obstacle("capsule", "side", CapsuleShape(0.05, capsule_axis), (-3.0, 0, 0.5)),
-    )  # fmt: skip
+    )
     scene = Scene("s", ((-4, -4, 0), (4, 4, 2)), (0, 0, 0), (1, 1), obstacles)
     checker = CollisionChecker(scene, ball, kinds=(OBJECT_OBSTACLE,))
     for gap in (0.2, 0.01, -0.01, -0.05):
@@ -196,9 +200,13 @@ def test_jacobian_is_the_slope_of_the_distance(carries, joints):
 
 def from_pinocchio(q, state):
     return RobotState(
-        p_WP=q[:3], quat_WP=np.roll(q[3:7], 1), joint_pos=q[7:36], carried=state.carried, p_WO=q[36:39],
+        p_WP=q[:3],
+        quat_WP=np.roll(q[3:7], 1),
+        joint_pos=q[7:36],
+        carried=state.carried,
+        p_WO=q[36:39],
         quat_WO=np.roll(q[39:], 1),
-    )  # fmt: skip
+    )
 
 
 def test_witness_points_span_the_distance(carries):
@@ -283,7 +291,8 @@ def test_a_mesh_box_is_as_far_as_a_box(tmp_path, carries):
 
 
 def test_inside_a_mesh_counts_as_collision(tmp_path):
-    """A ball in the middle of a solid cube: minus the distance to its faces, and the way out leads through the nearest."""
+    """A ball in the middle of a solid cube: minus the distance to its faces, and the way out leads through the
+    nearest."""
     import trimesh
 
     trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "cube.obj")

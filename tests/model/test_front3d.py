@@ -19,7 +19,7 @@ from hotice.model.importers.front3d_scenes import (
     front3d_scenes,
     import_front3d,
     level_clearance,
-)  # fmt: skip
+)
 from hotice.model.importers.polygons import triangulated
 from hotice.model.importers.solids import MAX_BODIES, SHEET_M, VOXEL_M, solidify
 from hotice.model.shapes import BoxShape, MeshShape
@@ -57,7 +57,8 @@ def test_the_stored_fixture_is_what_its_generator_writes():
 
 
 def test_a_box_lands_where_computed_by_hand(house):
-    """The model, 1.2 x 0.7 x 0.6 standing on its origin, is scaled, turned by 60 degrees about y, moved, and turned z up.
+    """The model, 1.2 x 0.7 x 0.6 standing on its origin, is scaled, turned by 60 degrees about y, moved, and turned z
+    up.
 
     About the file's y axis, x turns towards -z, which is +y of H: the turn is +60 degrees about z of H."""
     table = piece(house, "coffee_table")
@@ -65,16 +66,18 @@ def test_a_box_lands_where_computed_by_hand(house):
     cos, sin = 0.5, np.sqrt(0.75)
     expected = {
         (round(3.0 + cos * a - sin * b, 4), round(2.6 + sin * a + cos * b, 4), h)
-        for a in (x, -x) for b in (z, -z) for h in (0.0, 0.7)
-    }  # fmt: skip
+        for a in (x, -x)
+        for b in (z, -z)
+        for h in (0.0, 0.7)
+    }
     corners = {tuple(p) for p in (table.corners_H.reshape(-1, 3).round(4) + 0.0).tolist()}
     assert corners == expected
     np.testing.assert_allclose(table.quaternion_wxyz, quat_from_yaw(np.pi / 3), atol=1e-12)
 
 
 def test_nothing_is_mirrored(house):
-    """The chair's back is at -z of its model. A quarter turn about y takes it to -x, the same in H; without a turn it is
-    at +y of H. Swapping y and z instead of turning the frame would put it elsewhere."""
+    """The chair's back is at -z of its model. A quarter turn about y takes it to -x, the same in H; without a turn it
+    is at +y of H. Swapping y and z instead of turning the frame would put it elsewhere."""
     back = np.array([c for c in piece(house, "chair_6").corners_H.reshape(-1, 3) if c[2] > 0.8])
     np.testing.assert_allclose([back[:, 0].min(), back[:, 0].max()], [1.2 - 0.22, 1.2 - 0.19], atol=1e-9)
     back = np.array([c for c in piece(house, "chair_17").corners_H.reshape(-1, 3) if c[2] > 0.8])
@@ -92,16 +95,30 @@ def test_floors_are_at_zero_and_known_by_room(house):
 def test_every_defect_is_counted(house):
     assert house.report.used == {"floor": 2, "furniture": 12, "structure": 6}
     assert house.report.dropped == {
-        "absurd placement": 1, "absurd scale": 1, "ceiling or hole, on purpose": 1, "dangling reference": 2,
-        "entry without uid": 1, "furniture marked as not valid": 1, "furniture of absurd size": 1,
-        "malformed placement": 1, "mesh with impossible faces": 1, "mesh without triangles": 1, "missing model": 1,
-        "placement with non-finite numbers": 1, "uid given twice": 1, "unreadable model": 1, "unsafe model name": 1,
-    }  # fmt: skip
+        "absurd placement": 1,
+        "absurd scale": 1,
+        "ceiling or hole, on purpose": 1,
+        "dangling reference": 2,
+        "entry without uid": 1,
+        "furniture marked as not valid": 1,
+        "furniture of absurd size": 1,
+        "malformed placement": 1,
+        "mesh with impossible faces": 1,
+        "mesh without triangles": 1,
+        "missing model": 1,
+        "placement with non-finite numbers": 1,
+        "uid given twice": 1,
+        "unreadable model": 1,
+        "unsafe model name": 1,
+    }
     assert house.report.mended == {
-        "furniture without valid flag": 3, "mesh in no room, placed as it is": 1, "mesh of quads": 1,
-        "mesh with non-finite vertices": 1, "model with non-finite vertices": 1,
+        "furniture without valid flag": 3,
+        "mesh in no room, placed as it is": 1,
+        "mesh of quads": 1,
+        "mesh with non-finite vertices": 1,
+        "model with non-finite vertices": 1,
         "normalized model scaled to its size": 1,
-    }  # fmt: skip
+    }
     assert ("dropped", "missing model", 1) in house.report.rows()
 
 
@@ -113,11 +130,16 @@ def test_normalized_model_takes_its_size(house):
 @pytest.mark.parametrize(
     "text, match",
     [
-        ("", "not JSON"), ("[" * 200_000, "nested too deeply"), ("[1]", "no scene.room"), ("{}", "no scene.room"),
-        ('{"scene": {"room": [{"children": []}]}}', "no floor"), ('{"scene": {"room": {"children": 3}}}', "no scene.room"),
-        ('{"x": ' + "9" * 5000 + "}", "not JSON"), (json.dumps({"scene": {"room": [0] * 100_001}}), "entries"),
+        ("", "not JSON"),
+        ("[" * 200_000, "nested too deeply"),
+        ("[1]", "no scene.room"),
+        ("{}", "no scene.room"),
+        ('{"scene": {"room": [{"children": []}]}}', "no floor"),
+        ('{"scene": {"room": {"children": 3}}}', "no scene.room"),
+        ('{"x": ' + "9" * 5000 + "}", "not JSON"),
+        (json.dumps({"scene": {"room": [0] * 100_001}}), "entries"),
     ],
-)  # fmt: skip
+)
 def test_bad_houses_are_refused(tmp_path, text, match):
     house, models = written(tmp_path, text)
     with pytest.raises(InvalidMap, match=match) as caught:
@@ -211,7 +233,7 @@ def test_closed_and_nearly_closed_boxes_stay_exact():
 
 def test_other_closed_bodies_stay_meshes():
     solid = solidify(quads(fixture.shade()))
-    (vertices, faces), = solid.bodies  # fmt: skip
+    ((vertices, faces),) = solid.bodies
     assert solid.how == "closed" and len(solid.boxes) == 0 and len(vertices) == 8 and len(faces) == 12
 
 
@@ -225,7 +247,7 @@ def test_a_wall_with_a_doorway_becomes_plates():
 
 def test_a_slanting_sheet_becomes_a_closed_plate():
     solid = solidify(np.array([[[0, 0, 0], [1, 0, 1], [0, 1, 0]], [[1, 0, 1], [1, 1, 1], [0, 1, 0]]], float))
-    (vertices, faces), = solid.bodies  # fmt: skip
+    ((vertices, faces),) = solid.bodies
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     assert (a * np.cross(b, c)).sum() / 6 == pytest.approx(SHEET_M * np.sqrt(2.0))
 
@@ -327,8 +349,13 @@ def test_scenes_of_a_house_can_be_crossed_and_read_again(tmp_path):
         scene.save(tmp_path / "scene.json")
         assert load_scene(tmp_path / "scene.json") == scene
         assert 2.0 - 1e-6 <= scene.goal[0] <= 3.0
-        assert min(scene.signed_distance(np.array([[x, 0.0, z] for x in np.linspace(0, scene.goal[0], 30)])).min()
-                   for z in (0.05, 0.3, 0.75, 1.2)) < 0.6  # fmt: skip
+        assert (
+            min(
+                scene.signed_distance(np.array([[x, 0.0, z] for x in np.linspace(0, scene.goal[0], 30)])).min()
+                for z in (0.05, 0.3, 0.75, 1.2)
+            )
+            < 0.6
+        )
     assert check_traversable(found.scenes[0]).ok
     assert set(found.solids) <= {
         f"{a} {b}" for a in ("furniture", "structure") for b in ("closed", "repaired", "thickened", "boxed")

@@ -38,8 +38,11 @@ def test_extent_is_tight(shape):
 
 def test_categories_by_height():
     assert [category_by_height(*z) for z in ((0, 0.15), (0, 0.16), (1.0, 2.0), (0.99, 2.0))] == [
-        "ground", "side", "overhead", "side",
-    ]  # fmt: skip
+        "ground",
+        "side",
+        "overhead",
+        "side",
+    ]
 
 
 def test_the_catalogue_is_complete():

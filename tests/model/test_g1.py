@@ -16,18 +16,36 @@ from hotice.model.frames import normalize, quat_conj, quat_rotate, quat_to_mat
 pin = pytest.importorskip("pinocchio")
 URDF_MASS_KG = 33.341142
 PUBLISHED_EFFORT = {  # N m, by the end of the joint's name
-    "hip_pitch": 88, "hip_roll": 139, "hip_yaw": 88, "knee": 139, "ankle_pitch": 35, "ankle_roll": 35,
-    "waist_yaw": 88, "waist_roll": 35, "waist_pitch": 35,
-    "shoulder_pitch": 25, "shoulder_roll": 25, "shoulder_yaw": 25, "elbow": 25,
-    "wrist_roll": 25, "wrist_pitch": 5, "wrist_yaw": 5,
-}  # fmt: skip
+    "hip_pitch": 88,
+    "hip_roll": 139,
+    "hip_yaw": 88,
+    "knee": 139,
+    "ankle_pitch": 35,
+    "ankle_roll": 35,
+    "waist_yaw": 88,
+    "waist_roll": 35,
+    "waist_pitch": 35,
+    "shoulder_pitch": 25,
+    "shoulder_roll": 25,
+    "shoulder_yaw": 25,
+    "elbow": 25,
+    "wrist_roll": 25,
+    "wrist_pitch": 5,
+    "wrist_yaw": 5,
+}
 RAISED_EFFORT = {"ankle_pitch": 50, "ankle_roll": 50, "waist_roll": 50, "waist_pitch": 50}
 """Ours: both motors of the parallel ankle (and waist), as later descriptions of the same robot state them."""
 KEYPOINT_BODY = {
-    "head": "torso_link", "left_shoulder": "left_shoulder_roll_link", "torso": "torso_link", "pelvis": "pelvis",
-    "left_knee": "left_knee_link", "left_foot": "left_ankle_roll_link", "left_hand": "left_wrist_yaw_link",
-    "left_toe": "left_ankle_roll_link", "left_heel": "left_ankle_roll_link",
-}  # fmt: skip
+    "head": "torso_link",
+    "left_shoulder": "left_shoulder_roll_link",
+    "torso": "torso_link",
+    "pelvis": "pelvis",
+    "left_knee": "left_knee_link",
+    "left_foot": "left_ankle_roll_link",
+    "left_hand": "left_wrist_yaw_link",
+    "left_toe": "left_ankle_roll_link",
+    "left_heel": "left_ankle_roll_link",
+}
 COVER_M = 0.0155
 """Measured: no vertex of any shell lies farther outside its link's primitives (worst 15.2 mm, shoulder_pitch)."""
 

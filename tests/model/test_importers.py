@@ -16,7 +16,8 @@ ACROSS = ImportOptions(start=(0.0, 0.0), goal=(2.0, 0.0))
 DECIMALS = np.array([[0.125, -2.5, 3.75], [1e3, -1e-3, 0.0], [np.nan, 1.0, 2.0]])
 
 
-# files ------------------------------------------------------------------------------------------------------------------
+# files
+# ------------------------------------------------------------------------------------------------------------------
 
 
 def lzf_pack(data):
@@ -107,8 +108,16 @@ def test_lzf_overlapping_and_long_repeats():
 
 @pytest.mark.parametrize(
     ("packed", "size"),
-    [(b"\x05abc", 6), (b"\x00a\x20\x05", 4), (b"\x00a", 2), (b"\x00a\xe0", 5), (b"\x00a\xe0\x01", 5), (b"\x03abcd", 2), (b"", 1)],
-)  # fmt: skip
+    [
+        (b"\x05abc", 6),
+        (b"\x00a\x20\x05", 4),
+        (b"\x00a", 2),
+        (b"\x00a\xe0", 5),
+        (b"\x00a\xe0\x01", 5),
+        (b"\x03abcd", 2),
+        (b"", 1),
+    ],
+)
 def test_damaged_lzf(packed, size):
     with pytest.raises(InvalidMap):
         lzf.decompress(packed, size)
@@ -151,7 +160,8 @@ def test_bomb_in_compressed_sizes():
         pcd.read_pcd(header + struct.pack("<II", 40, 48_000_000) + bytes(40))
 
 
-# floor ------------------------------------------------------------------------------------------------------------------
+# floor
+# ------------------------------------------------------------------------------------------------------------------
 
 
 def rectangle(rng, count, origin, u, v):
@@ -250,7 +260,8 @@ def test_clouds_without_floor(points):
         from_points(points(np.random.default_rng(4)), ACROSS, "x")
 
 
-# scenes -----------------------------------------------------------------------------------------------------------------
+# scenes
+# -----------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -344,10 +355,19 @@ def test_empty_and_distant_clouds():
 @pytest.mark.parametrize(
     "change",
     [
-        {"start": (0.0,)}, {"start": (np.nan, 0.0)}, {"goal": (np.inf, 0.0)}, {"size_m": (np.nan, 1.0, 1.0)}, {"voxel_m": 0.0},
-        {"voxel_m": 5.0}, {"scale": 0.0}, {"scale": -1.0}, {"scale": np.nan}, {"min_points": -1}, {"min_voxels": 0},
+        {"start": (0.0,)},
+        {"start": (np.nan, 0.0)},
+        {"goal": (np.inf, 0.0)},
+        {"size_m": (np.nan, 1.0, 1.0)},
+        {"voxel_m": 0.0},
+        {"voxel_m": 5.0},
+        {"scale": 0.0},
+        {"scale": -1.0},
+        {"scale": np.nan},
+        {"min_points": -1},
+        {"min_voxels": 0},
     ],
-)  # fmt: skip
+)
 def test_impossible_options(change):
     with pytest.raises(InvalidConfig):
         ImportOptions(**{"start": (0.0, 0.0), "goal": (2.0, 0.0)} | change)
@@ -376,7 +396,8 @@ def test_files_through_import(tmp_path):
             import_scene(tmp_path / name, millimetres)
 
 
-# voxels -----------------------------------------------------------------------------------------------------------------
+# voxels
+# -----------------------------------------------------------------------------------------------------------------
 
 
 def filled(shape, boxes):

@@ -123,16 +123,31 @@ def test_samples_lie_on_the_surface_and_leave_no_gap():
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("a.obj", b""), ("a.obj", b"v 0 0 0\nf 1 2 3\n"), ("a.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
-        ("a.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n"), ("a.obj", b"v 1e300 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
-        ("a.stl", b"\0" * 84), ("a.stl", b"\0" * 80 + struct.pack("<I", 4_000_000_000)), ("a.stl", b"solid x\nfacet"),
-        ("a.off", b"OFF\n1 1 1\n"), ("a.glb", b"glTF" + bytes(40)), ("a.glb", b""), ("a.obj", bytes(range(256))),
-        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nelement face 9\n"
-                  b"property list uchar int v\nend_header\n"),
-        ("a.glb", struct.pack("<4sII", b"glTF", 2, 20 + 60) + struct.pack("<I4s", 60, b"JSON") + json.dumps(
-            {"asset": {"version": "2.0"}, "buffers": [{"uri": "../../x"}]}).ljust(60).encode()),
+        ("a.obj", b""),
+        ("a.obj", b"v 0 0 0\nf 1 2 3\n"),
+        ("a.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+        ("a.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n"),
+        ("a.obj", b"v 1e300 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+        ("a.stl", b"\0" * 84),
+        ("a.stl", b"\0" * 80 + struct.pack("<I", 4_000_000_000)),
+        ("a.stl", b"solid x\nfacet"),
+        ("a.off", b"OFF\n1 1 1\n"),
+        ("a.glb", b"glTF" + bytes(40)),
+        ("a.glb", b""),
+        ("a.obj", bytes(range(256))),
+        (
+            "a.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nelement face 9\n"
+            b"property list uchar int v\nend_header\n",
+        ),
+        (
+            "a.glb",
+            struct.pack("<4sII", b"glTF", 2, 20 + 60)
+            + struct.pack("<I4s", 60, b"JSON")
+            + json.dumps({"asset": {"version": "2.0"}, "buffers": [{"uri": "../../x"}]}).ljust(60).encode(),
+        ),
     ],
-)  # fmt: skip
+)
 def test_broken_mesh_files(name, content, tmp_path):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(HoticeError) as caught:
@@ -149,7 +164,8 @@ def test_far_away_and_huge_meshes():
         read_triangles(b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", ".obj")
 
 
-# obstacle meshes of scene files -----------------------------------------------------------------------------------------
+# obstacle meshes of scene files
+# -----------------------------------------------------------------------------------------
 
 
 def scene_of(folder, text, **shape):
@@ -171,11 +187,15 @@ TETRA = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1
 @pytest.mark.parametrize(
     "text",
     [
-        TETRA.replace("v 0 0 0", "v nan 0 0"), TETRA.replace("v 0 0 0", "v inf 0 0"),
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "f 1 2 3\n", TETRA.replace("f 1 3 2", "f 1 3 2000000000"), "",
+        TETRA.replace("v 0 0 0", "v nan 0 0"),
+        TETRA.replace("v 0 0 0", "v inf 0 0"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        "f 1 2 3\n",
+        TETRA.replace("f 1 3 2", "f 1 3 2000000000"),
+        "",
     ],
     ids=["nan", "inf", "open", "no vertices", "dangling", "empty"],
-)  # fmt: skip
+)
 def test_bad_obstacle_meshes(text, tmp_path):
     with pytest.raises(InvalidScene) as caught:
         scene_of(tmp_path, text).signed_distance([[0.0, 0.0, 0.5]])

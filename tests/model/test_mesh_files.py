@@ -16,8 +16,12 @@ from hotice.model.meshes import load_mesh
 CUBE = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 FLOOR = np.array([(-1.0, -1.5, 0.0), (3.0, -1.5, 0.0), (3.0, 1.5, 0.0), (-1.0, 1.5, 0.0)])
-WALL = np.array([(1, y, z) for y, z in
-                 ((-1.5, 0), (-.55, 0), (-.55, 2.1), (.55, 2.1), (.55, 0), (1.5, 0), (1.5, 2.5), (-1.5, 2.5))])  # fmt: skip
+WALL = np.array(
+    [
+        (1, y, z)
+        for y, z in ((-1.5, 0), (-0.55, 0), (-0.55, 2.1), (0.55, 2.1), (0.55, 0), (1.5, 0), (1.5, 2.5), (-1.5, 2.5))
+    ]
+)
 """A wall with a doorway 1.1 m wide and 2.1 m high, as one polygon."""
 
 
@@ -53,7 +57,8 @@ def ply(vertices, faces, encoding="ascii", kind="float", coloured=True):
     return header.encode() + body
 
 
-# polygons ---------------------------------------------------------------------------------------------------------------
+# polygons
+# ---------------------------------------------------------------------------------------------------------------
 
 
 def test_a_concave_polygon_is_filled_as_it_is():
@@ -102,12 +107,13 @@ def test_a_hole_joined_by_a_bridge_stays_a_hole():
 @pytest.mark.parametrize(
     "p",
     [
-        [(0, 0), (1, 1), (1, 0), (0, 1)], [(0, 0), (2, 2), (2, 0), (0, 1)],
+        [(0, 0), (1, 1), (1, 0), (0, 1)],
+        [(0, 0), (2, 2), (2, 0), (0, 1)],
         [(np.cos(k * 0.8 * np.pi), np.sin(k * 0.8 * np.pi)) for k in range(5)],
         [(0, 0), (3, 0), (3, 3), (-1, 3), (-1, 1), (4, 1), (4, 2), (0, 2)],
     ],
     ids=["even bow tie", "bow tie", "pentagram", "curl"],
-)  # fmt: skip
+)
 def test_polygons_that_cross_themselves_are_named(p):
     vertices = np.array([(x, y, 0.0) for x, y in p])
     with pytest.raises(BadPolygon, match="crosses itself"):
@@ -133,7 +139,8 @@ def test_a_doorway_stays_open(name, tmp_path):
     assert scene.signed_distance([1.02, 0.9, 0.75]) < 0.0
 
 
-# OBJ --------------------------------------------------------------------------------------------------------------------
+# OBJ
+# --------------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -173,7 +180,8 @@ def test_obj_faces_that_count_backwards_mean_the_vertices_before_them(tmp_path):
     np.testing.assert_allclose(load_mesh(tmp_path / "cubes.obj", 1.0).signed_distance(p), [-0.5, -0.5, 2.0])
 
 
-# PLY and OFF ------------------------------------------------------------------------------------------------------------
+# PLY and OFF
+# ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
@@ -202,7 +210,8 @@ def test_off_variants():
             read_mesh(bad, ".off")
 
 
-# GLB --------------------------------------------------------------------------------------------------------------------
+# GLB
+# --------------------------------------------------------------------------------------------------------------------
 
 TRIANGLES = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
 
@@ -211,7 +220,10 @@ def glb(positions, indices, *, accessor=None, view=None, primitive=None, node=No
     """One mesh of one primitive; what is given replaces or adds to the parts of the document."""
     data, corners = positions.tobytes(), np.asarray(indices, dtype="<u4").tobytes()
     content = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0} | (node or {})],
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0} | (node or {})],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1} | (primitive or {})]}],
         "accessors": [
             {"bufferView": 0, "componentType": 5126, "count": len(positions), "type": "VEC3"} | (accessor or {}),
@@ -222,7 +234,7 @@ def glb(positions, indices, *, accessor=None, view=None, primitive=None, node=No
             {"buffer": 0, "byteOffset": len(data), "byteLength": len(corners)},
         ],
         "buffers": [{"byteLength": len(data) + len(corners)}],
-    } | document  # fmt: skip
+    } | document
     text = json.dumps(content).encode()
     text += b" " * (-len(text) % 4)
     body = data + corners
@@ -251,9 +263,13 @@ def test_glb_quantized(normalized):
     padded = np.zeros((8, 4), "<i2")
     padded[:, :3] = CUBE * steps
     content = glb(
-        padded, TRIANGLES, accessor={"componentType": 5122, "normalized": normalized}, view={"byteStride": 8},
-        node={"scale": [2.0, 2.0, 2.0]}, extensionsRequired=["KHR_mesh_quantization"],
-    )  # fmt: skip
+        padded,
+        TRIANGLES,
+        accessor={"componentType": 5122, "normalized": normalized},
+        view={"byteStride": 8},
+        node={"scale": [2.0, 2.0, 2.0]},
+        extensionsRequired=["KHR_mesh_quantization"],
+    )
     np.testing.assert_allclose(read_mesh(content, ".glb")[0], 2.0 * CUBE)
 
 
@@ -311,13 +327,19 @@ def test_glb_with_a_part_compressed_is_refused_by_name():
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".ply", ".plyb", ".glb", ".stl"])
 def test_damaged_files_are_read_or_refused(suffix, count=150):
     """Seeded bytes changed, dropped and repeated: a mesh, or one line of `InvalidMap`."""
-    stl = b"\0" * 80 + struct.pack("<I", 12) + b"".join(
-        struct.pack("<12fH", 0, 0, 0, *CUBE[t].ravel().tolist(), 0) for t in TRIANGLES
-    )  # fmt: skip
+    stl = (
+        b"\0" * 80
+        + struct.pack("<I", 12)
+        + b"".join(struct.pack("<12fH", 0, 0, 0, *CUBE[t].ravel().tolist(), 0) for t in TRIANGLES)
+    )
     whole = {
-        ".obj": obj(CUBE, QUADS), ".off": off(CUBE, QUADS), ".ply": ply(CUBE, QUADS),
-        ".plyb": ply(CUBE, QUADS, "binary_big_endian"), ".glb": glb(CUBE.astype("<f4"), TRIANGLES), ".stl": stl,
-    }[suffix]  # fmt: skip
+        ".obj": obj(CUBE, QUADS),
+        ".off": off(CUBE, QUADS),
+        ".ply": ply(CUBE, QUADS),
+        ".plyb": ply(CUBE, QUADS, "binary_big_endian"),
+        ".glb": glb(CUBE.astype("<f4"), TRIANGLES),
+        ".stl": stl,
+    }[suffix]
     rng = np.random.default_rng(len(suffix))
     for _ in range(count):
         content = bytearray(whole)

@@ -72,10 +72,13 @@ def test_meshes_that_cannot_be_used(tmp_path):
     half = trimesh.creation.icosphere()
     half.update_faces(half.triangles_center[:, 2] > 0)
     cases = [
-        ("flat", flat, "watertight"), ("double", double, "watertight|no area|no volume"),
+        ("flat", flat, "watertight"),
+        ("double", double, "watertight|no area|no volume"),
         ("point", point, "no area|cannot be read"),
-        ("nan", nan, "not finite|cannot be read"), ("huge", huge, "reaches beyond"), ("half", half, "watertight"),
-    ]  # fmt: skip
+        ("nan", nan, "not finite|cannot be read"),
+        ("huge", huge, "reaches beyond"),
+        ("half", half, "watertight"),
+    ]
     for name, mesh, words in cases:
         with pytest.raises(InvalidScene, match=words):
             load_mesh(write(tmp_path / f"{name}.ply", mesh), 1.0)

@@ -17,15 +17,21 @@ GOOD = {
     "goal": {"position_m": [2.0, 0.0]},
     "obstacles": [
         {
-            "name": "beam", "category": "overhead", "shape": {"type": "box", "size_m": [0.2, 2.0, 0.4]},
-            "position_m": [1.0, 0.0, 1.35], "quaternion_wxyz": [1, 0, 0, 0],
+            "name": "beam",
+            "category": "overhead",
+            "shape": {"type": "box", "size_m": [0.2, 2.0, 0.4]},
+            "position_m": [1.0, 0.0, 1.35],
+            "quaternion_wxyz": [1, 0, 0, 0],
         },
         {
-            "name": "pipe", "category": "ground", "shape": {"type": "cylinder", "radius_m": 0.04, "length_m": 2.0},
-            "position_m": [1.5, 0.0, 0.04], "quaternion_wxyz": [0.7071068, 0.7071068, 0, 0],
+            "name": "pipe",
+            "category": "ground",
+            "shape": {"type": "cylinder", "radius_m": 0.04, "length_m": 2.0},
+            "position_m": [1.5, 0.0, 0.04],
+            "quaternion_wxyz": [0.7071068, 0.7071068, 0, 0],
         },
     ],
-}  # fmt: skip
+}
 
 
 def _write(folder, data, name="scene.json"):
@@ -146,9 +152,13 @@ def test_round_trip(tmp_path):
     _cube(tmp_path)
     data = copy.deepcopy(GOOD)
     data["obstacles"].append(
-        {"name": "chair", "category": "side", "shape": {"type": "mesh", "file": "cube.obj"},
-         "position_m": [0.8, 0.7, 0.0]}
-    )  # fmt: skip
+        {
+            "name": "chair",
+            "category": "side",
+            "shape": {"type": "mesh", "file": "cube.obj"},
+            "position_m": [0.8, 0.7, 0.0],
+        }
+    )
     scene = Scene.load(_write(tmp_path, data))
     scene.save(tmp_path / "again.json")
     assert Scene.load(tmp_path / "again.json") == scene

@@ -57,7 +57,8 @@ CROSSINGS = {
 @pytest.mark.parametrize("name", list(CROSSINGS))
 @pytest.mark.parametrize("elliptic", [False, True])
 def test_limbs_do_not_pass_through_each_other(name, elliptic):
-    """Servos pull limbs into each other for a second, at a fixed pelvis: without the pairs they do, with them they stop."""
+    """Servos pull limbs into each other for a second, at a fixed pelvis: without the pairs they do, with them they
+    stop."""
     depths = {}
     for solid in (False, True):
         model = builder.build_model(

@@ -14,7 +14,8 @@ DIGESTS = {
     "train75": "dd6f57b974e1b4167f2fdb46675540d82757d3d0172057830502af633ae20fd0",
     "unseen50": "b5d3ab8726c8ab069e02a8dd0f0057161e66f7051e776c5fc0dc122a51aeb436",
 }
-"""Of names and contents of the files: the sets are fixed for good. A changed set is another set and gets another name."""
+"""Of names and contents of the files: the sets are fixed for good. A changed set is another set and gets another
+name."""
 
 
 @pytest.mark.parametrize("name", SIZES)
@@ -52,8 +53,10 @@ def test_bench20_has_every_kind_and_the_papers_task():
         assert (scene.start, scene.goal) == ((0, 0, 0), (2, 0)) and scene.bounds_m == Scene("default").bounds_m
 
 
-@pytest.mark.parametrize("name", ["bench20", pytest.param("train75", marks=pytest.mark.slow),
-                                  pytest.param("unseen50", marks=pytest.mark.slow)])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    ["bench20", pytest.param("train75", marks=pytest.mark.slow), pytest.param("unseen50", marks=pytest.mark.slow)],
+)
 def test_every_scene_can_be_traversed(name):
     for scene in load_scenes([name]):
         way = check_traversable(scene)

@@ -17,9 +17,12 @@ from tests.model.test_importers import pcd_bytes, room, turned
 
 DIGEST = "0123456789abcdef" * 4
 SOURCE = MapSource(
-    file="hall.pcd", sha256=DIGEST, unit_m=0.001, position_m=(1.0, 2.0, 3.0),
+    file="hall.pcd",
+    sha256=DIGEST,
+    unit_m=0.001,
+    position_m=(1.0, 2.0, 3.0),
     quaternion_wxyz=tuple(quat_from_axis_angle((0.0, 0.0, 1.0), np.pi / 2).tolist()),
-)  # fmt: skip
+)
 
 
 def test_points_and_poses_of_the_map_in_the_scene():
@@ -62,12 +65,22 @@ def test_files_keep_it_and_those_without_stay_as_they_are(tmp_path):
 @pytest.mark.parametrize(
     "change",
     [
-        {"file": "../hall.pcd"}, {"file": ""}, {"file": 3}, {"sha256": "ABC"}, {"sha256": DIGEST.upper()}, {"unit_m": 0.0},
-        {"unit_m": float("nan")}, {"unit_m": True}, {"position_m": [0.0, 0.0]}, {"position_m": [0.0, 0.0, float("inf")]},
-        {"position_m": [0.0, 0.0, 10**400]}, {"quaternion_wxyz": [0.0, 0.0, 0.0, 0.0]}, {"quaternion_wxyz": "1000"},
+        {"file": "../hall.pcd"},
+        {"file": ""},
+        {"file": 3},
+        {"sha256": "ABC"},
+        {"sha256": DIGEST.upper()},
+        {"unit_m": 0.0},
+        {"unit_m": float("nan")},
+        {"unit_m": True},
+        {"position_m": [0.0, 0.0]},
+        {"position_m": [0.0, 0.0, float("inf")]},
+        {"position_m": [0.0, 0.0, 10**400]},
+        {"quaternion_wxyz": [0.0, 0.0, 0.0, 0.0]},
+        {"quaternion_wxyz": "1000"},
         {"more": 1},
     ],
-)  # fmt: skip
+)
 def test_impossible_sources_are_one_line(change, tmp_path):
     content = Scene("s").to_dict() | {"source": SOURCE.to_dict() | change}
     (tmp_path / "s.json").write_text(json.dumps(content).replace("Infinity", "1e999"))
@@ -82,10 +95,15 @@ def test_impossible_sources_are_one_line(change, tmp_path):
 @pytest.mark.parametrize(
     ("turn", "more"),
     [
-        ({}, {}), ({"scale": 0.001}, {}), ({"up": "-z"}, {}), ({"up": "y", "scale": 0.001}, {}), ({"up": "-x"}, {}),
-        ({"turn_deg": (10.0, -25.0)}, {}), ({}, {"frame": "map"}),
+        ({}, {}),
+        ({"scale": 0.001}, {}),
+        ({"up": "-z"}, {}),
+        ({"up": "y", "scale": 0.001}, {}),
+        ({"up": "-x"}, {}),
+        ({"turn_deg": (10.0, -25.0)}, {}),
+        ({}, {"frame": "map"}),
     ],
-)  # fmt: skip
+)
 def test_imports_say_how_their_map_lies(turn, more, tmp_path):
     """Points of the file, moved by the scene's source, are the points that the boxes were made of."""
     from hotice.model.importers.scene_import import KEPT, _turn

@@ -53,14 +53,21 @@ def test_open_floor():
 @pytest.mark.parametrize(
     ("scene", "load", "ok"),
     [
-        (gap(0.60), LARGE, True), (gap(0.52), LARGE, False), (gap(0.52), SMALL, True), (gap(0.36), SMALL, False),
-        (bar(0.05, 0.15), LARGE, True), (bar(0.05, 0.17), LARGE, False),
-        (bar(0.20, 0.10), LARGE, True), (bar(0.28, 0.10), LARGE, False),
-        (beam(1.00), LARGE, True), (beam(0.95), LARGE, False),
-        (shelves(0.75, 0.85, 0.28), LARGE, True), (shelves(0.5, 1.2, 0.22), LARGE, False),
+        (gap(0.60), LARGE, True),
+        (gap(0.52), LARGE, False),
+        (gap(0.52), SMALL, True),
+        (gap(0.36), SMALL, False),
+        (bar(0.05, 0.15), LARGE, True),
+        (bar(0.05, 0.17), LARGE, False),
+        (bar(0.20, 0.10), LARGE, True),
+        (bar(0.28, 0.10), LARGE, False),
+        (beam(1.00), LARGE, True),
+        (beam(0.95), LARGE, False),
+        (shelves(0.75, 0.85, 0.28), LARGE, True),
+        (shelves(0.5, 1.2, 0.22), LARGE, False),
         (shelves(0.5, 1.2, 0.26), SMALL, True),
     ],
-)  # fmt: skip
+)
 def test_limits(scene, load, ok):
     way = check_traversable(scene, carried_half_extents_m=load)
     assert way.ok == ok, way.reason
@@ -127,7 +134,8 @@ def inside(points, boxes, slack):
 @pytest.mark.parametrize("half", [0.1, 0.15, 0.2])
 @pytest.mark.parametrize("drop", [0, 2, 5, 7])
 def test_the_envelope_holds_the_robot(half, drop):
-    """The ends and corners of every collision geometry of a carry state, with 2.5 cm of slack; crouching, above 20 cm."""
+    """The ends and corners of every collision geometry of a carry state, with 2.5 cm of slack; crouching, above 20
+    cm."""
     posture = EnvelopePosture(drop=drop, lift=0)
     height = min(0.785, 0.793 - 0.05 * drop)
     state = solve_carry(

@@ -86,6 +86,14 @@ def record(toy, scene) -> RolloutRecord:
     arrow_pos = np.stack([qpos[:, :3], qpos[:, 9:12]], axis=1)
     force = np.broadcast_to(np.array([[0.6, 0.0, 0.0], [0.3, 0.0, -0.8]]), (frames, 2, 3))
     return RolloutRecord.from_states(
-        toy, qpos, scene=scene, carried=Box((0.3, 0.3, 0.2), 1.5), time_s=np.arange(frames) * 0.02, outcome="success",
-        policy="toy", arrow_pos_W=arrow_pos, arrow_force_W=force, arrow_is_ogf=[False, True],
-    )  # fmt: skip
+        toy,
+        qpos,
+        scene=scene,
+        carried=Box((0.3, 0.3, 0.2), 1.5),
+        time_s=np.arange(frames) * 0.02,
+        outcome="success",
+        policy="toy",
+        arrow_pos_W=arrow_pos,
+        arrow_force_W=force,
+        arrow_is_ogf=[False, True],
+    )

@@ -41,8 +41,14 @@ def unit(q):
 @pytest.fixture(scope="module")
 def both():
     """Depth of the deepest exact contact and clearance of the cover, (S, 2) each: robot, object."""
-    objects = (Box((0.3, 0.3, 0.3), 1.0), Box((0.36, 0.36, 0.38), 1.5), Box((0.24, 0.36, 0.22), 3.0),
-               Cylinder(0.13, 0.3, 1.5), Cylinder(0.18, 0.4, 1.5), Sphere(0.14, 1.2))  # fmt: skip
+    objects = (
+        Box((0.3, 0.3, 0.3), 1.0),
+        Box((0.36, 0.36, 0.38), 1.5),
+        Box((0.24, 0.36, 0.22), 3.0),
+        Cylinder(0.13, 0.3, 1.5),
+        Cylinder(0.18, 0.4, 1.5),
+        Sphere(0.14, 1.2),
+    )
     states = [solve_carry(o) for o in objects]
     rng = np.random.default_rng(0)
     depth, gap = np.zeros((SCENES * PER_SCENE, 2)), np.zeros((SCENES * PER_SCENE, 2))

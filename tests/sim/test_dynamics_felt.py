@@ -1,4 +1,5 @@
-"""Drawn robots as the simulator feels them: forces, weights and inertias it computes, not the fields that were written."""
+"""Drawn robots as the simulator feels them: forces, weights and inertias it computes, not the fields that were
+written."""
 
 import copy
 from types import SimpleNamespace
@@ -128,17 +129,24 @@ def felt(forward, state):
     still, flat = (forward(pose, rest, target) for pose in (q, hanging(state, tilted=True)))
     pulled, spun = forward(q, rest, target + STEP_RAD), forward(q, spin, target)
     most, least = (forward(q, rest, target + far).qfrc_actuator[:, MOTORS] for far in (100.0, -100.0))
-    ahead, back = (
-        forward(q, s * 60.0 * spin, target).qfrc_constraint[:, MOTORS] for s in (1.0, -1.0)
-    )  # servos brake hard
+    # servos brake hard
+    ahead, back = (forward(q, s * 60.0 * spin, target).qfrc_constraint[:, MOTORS] for s in (1.0, -1.0))
     force = still.qfrc_actuator[:, MOTORS]
     kp = (pulled.qfrc_actuator[:, MOTORS] - force) / STEP_RAD
     return SimpleNamespace(
-        kp=kp, offset=-force / kp, kd=(force - spun.qfrc_actuator[:, MOTORS]) / SPIN_RAD_S,
-        most=most, least=least, friction=-ahead, friction_back=back,
-        inertia=still.M, links=still.cinert, mass=still.qfrc_bias[:, 2] / G, load=still.qfrc_bias[:, 28] / G,
+        kp=kp,
+        offset=-force / kp,
+        kd=(force - spun.qfrc_actuator[:, MOTORS]) / SPIN_RAD_S,
+        most=most,
+        least=least,
+        friction=-ahead,
+        friction_back=back,
+        inertia=still.M,
+        links=still.cinert,
+        mass=still.qfrc_bias[:, 2] / G,
+        load=still.qfrc_bias[:, 28] / G,
         moment=np.stack([-still.qfrc_bias[:, 4], still.qfrc_bias[:, 3], -flat.qfrc_bias[:, 4]], axis=1) / G,
-    )  # fmt: skip
+    )
 
 
 def assert_uniform(values, low, high):
@@ -266,7 +274,8 @@ def test_rows_of_a_batch_feel_the_same(robots, found, state):
 
 @pytest.mark.parametrize("elliptic", [False, True])
 def test_a_perturbed_robot_in_a_batch_moves_as_alone(state, elliptic):
-    """Every field in which robots differ acts, also what MuJoCo derives from masses: bit for bit a loop of `mj_step`."""
+    """Every field in which robots differ acts, also what MuJoCo derives from masses: bit for bit a loop of
+    `mj_step`."""
     bank = CarryBank.of([state] * 4, 0.005, torch.device("cpu"), dynamics=ROBOT_DYNAMICS, elliptic=elliptic)
     physics, order = MujocoBatch(bank.models, 4, threads=1), [2, 0, 3, 1]
     physics.set_models(torch.arange(4), torch.tensor(order))
@@ -287,7 +296,8 @@ def test_a_perturbed_robot_in_a_batch_moves_as_alone(state, elliptic):
 
 
 SILENT = {"actuator_acc0", "body_subtreemass", "bvh_aabb"}
-"""Differences that act on no force here: of muscles, of centres of mass that only tell, of which pairs are looked at closely."""
+"""Differences that act on no force here: of muscles, of centres of mass that only tell, of which pairs are looked at
+closely."""
 
 
 MASSES = ("body_mass", "body_inertia", "dof_M0")
@@ -305,7 +315,8 @@ def one_by_one(robots):
 
 
 def accelerations(forward, state):
-    """Of a robot that stands on the floor and holds the object: at rest, as it moves, and with all that its servos have."""
+    """Of a robot that stands on the floor and holds the object: at rest, as it moves, and with all that its servos
+    have."""
     qpos, qvel = np.array(state.qpos()), np.zeros(32)
     qpos[[2, -5]] -= 0.001
     qvel[MOTORS] = np.linspace(-1.0, 1.0, 20)

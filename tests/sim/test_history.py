@@ -1,4 +1,5 @@
-"""What the actors read of the steps before: order, restarts, delays, reflection, and a state that goes on bit for bit."""
+"""What the actors read of the steps before: order, restarts, delays, reflection, and a state that goes on bit for
+bit."""
 
 import pytest
 import torch
@@ -19,9 +20,13 @@ def make(perturbed=False, **changes):
 
     task = TaskConfig(history=STEPS, **changes)
     return TransportEnv(
-        6, load_scenes(["open_floor"]), Box((0.3, 0.3, 0.25), 1.0), config=task.perturbed() if perturbed else task, seed=2,
+        6,
+        load_scenes(["open_floor"]),
+        Box((0.3, 0.3, 0.25), 1.0),
+        config=task.perturbed() if perturbed else task,
+        seed=2,
         threads=1,
-    )  # fmt: skip
+    )
 
 
 def frames(observation):

@@ -21,12 +21,15 @@ CRITIC = ObservationTable(POLICY + PRIVILEGED)
 def lopsided():
     """A scene without any symmetry."""
     return Scene(
-        name="lopsided", bounds_m=((-0.5, -1.2, 0.0), (2.5, 1.2, 1.5)), start=(0.0, 0.1, 0.2), goal=(2.0, -0.3),
+        name="lopsided",
+        bounds_m=((-0.5, -1.2, 0.0), (2.5, 1.2, 1.5)),
+        start=(0.0, 0.1, 0.2),
+        goal=(2.0, -0.3),
         obstacles=(
             Obstacle("post", "side", CylinderShape(0.08, 1.4), (0.7, 0.55, 0.7)),
             Obstacle("slab", "side", BoxShape((0.3, 0.2, 1.0)), (0.6, -0.75, 0.5), (0.9659258, 0.0, 0.0, 0.2588190)),
         ),
-    )  # fmt: skip
+    )
 
 
 def reflected_scene(scene):
@@ -35,11 +38,12 @@ def reflected_scene(scene):
 
     obstacles = tuple(
         dataclasses.replace(
-            o, position_m=flip(o.position_m),
+            o,
+            position_m=flip(o.position_m),
             quaternion_wxyz=tuple(q * s for q, s in zip(o.quaternion_wxyz, (1, -1, 1, -1), strict=True)),
         )
         for o in scene.obstacles
-    )  # fmt: skip
+    )
     (x0, y0, z0), (x1, y1, z1) = scene.bounds_m
     x, y, yaw = scene.start
     return Scene(scene.name + "_reflected", ((x0, -y1, z0), (x1, -y0, z1)), (x, -y, -yaw), flip(scene.goal), obstacles)

@@ -22,10 +22,10 @@ DERIVED = ("xpos", "xmat", "cvel", "com")
 ONE_STEP = {"qpos": 5e-6, "qvel": 1e-3, "xpos": 5e-6, "xmat": 5e-6, "cvel": 1e-3, "com": 5e-6, "actuator_force": 2e-4}
 """How far a physics step may part nine in ten of the robots that move [m, rad, m/s, rad/s, N m].
 
-Measured over targets of 0.05 to 0.3 rad and three seeds each, with and without spread dynamics, the ninth decile is 5e-7 in
-poses, 1e-4 in velocities, 2e-5 in torques: single precision; granted is tenfold. The tenth part stays open: where the solver
-stops at its ten iterations (1 to 5 in 100 steps), or rounding decides whether there is a contact, a step parts velocities by
-up to 20 rad/s. That is also why trajectories of robots that move are not compared as a whole.
+Measured over targets of 0.05 to 0.3 rad and three seeds each, with and without spread dynamics, the ninth decile is
+5e-7 in poses, 1e-4 in velocities, 2e-5 in torques: single precision; granted is tenfold. The tenth part stays open:
+where the solver stops at its ten iterations (1 to 5 in 100 steps), or rounding decides whether there is a contact, a
+step parts velocities by up to 20 rad/s. That is also why trajectories of robots that move are not compared as a whole.
 """
 
 
@@ -85,7 +85,8 @@ def largest_difference(a, b):
 def one_step_differences(warp, batch, carry, substeps=1, share=0.9):
     """Within which this share of robots and steps agrees, by tensor; MuJoCo leads, and each step begins in its state.
 
-    The robots get random targets of 0.1 rad around the carry state, a new one every 20 ms; a step is of `substeps` times 5 ms.
+    The robots get random targets of 0.1 rad around the carry state, a new one every 20 ms; a step is of `substeps`
+    times 5 ms.
     """
     generator = torch.Generator().manual_seed(0)
     for physics in (warp, batch):
@@ -117,11 +118,13 @@ def test_robots_that_move_agree_step_by_step(warp_and_batch, shaped):
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU")
 def test_on_a_gpu_captured_steps_agree(shaped):
-    """Whole control steps, the first launched and captured, the others replayed; and one of them with delayed targets."""
+    """Whole control steps, the first launched and captured, the others replayed; and one of them with delayed
+    targets."""
     warp, batch = make_physics("warp", shaped.models, 4, "cuda", 1), make_physics("mujoco", shaped.models, 4, "cpu", 1)
     assert warp.qpos.is_cuda
-    # four steps in one, so that more robots meet the solver's limit; half of them agree as closely as above on the CPU, and
-    # tenfold is granted because it was not measured on a GPU: a graph of stale targets would still part them far more
+    # four steps in one, so that more robots meet the solver's limit; half of them agree as closely as above on the CPU,
+    # and tenfold is granted because it was not measured on a GPU: a graph of stale targets would still part them far
+    # more
     differences = one_step_differences(warp, batch, shaped, substeps=4, share=0.5)
     assert_within(differences, {name: 10 * most for name, most in ONE_STEP.items()})
     assert set(warp._graphs) == {0, 4}, "one graph for control steps, one for derived tensors"
@@ -184,9 +187,18 @@ def test_each_environment_has_the_parameters_of_its_model(warp_and_batch, shaped
 def test_each_environment_has_the_dynamics_of_its_robot(spread):
     warp, batch = (make_physics(name, spread.models, 4, "cpu", 1) for name in ("warp", "mujoco"))
     assert set(warp._fields) >= {
-        "actuator_biasprm", "actuator_forcerange", "actuator_gainprm", "body_inertia", "body_invweight0", "body_ipos",
-        "body_mass", "dof_armature", "dof_frictionloss", "dof_invweight0", "geom_friction",
-    }  # fmt: skip
+        "actuator_biasprm",
+        "actuator_forcerange",
+        "actuator_gainprm",
+        "body_inertia",
+        "body_invweight0",
+        "body_ipos",
+        "body_mass",
+        "dof_armature",
+        "dof_frictionloss",
+        "dof_invweight0",
+        "geom_friction",
+    }
     order = torch.tensor([2, 0, 3, 1])
     for physics in (warp, batch):
         physics.set_models(torch.arange(4), order)

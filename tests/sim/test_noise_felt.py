@@ -1,4 +1,5 @@
-"""Noise, delays, pushes, starts and objects: what arrives at actors, motors and bodies is uniform in what is configured."""
+"""Noise, delays, pushes, starts and objects: what arrives at actors, motors and bodies is uniform in what is
+configured."""
 
 from dataclasses import replace
 

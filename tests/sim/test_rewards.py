@@ -27,14 +27,25 @@ def walking(env, altered):
     x = torch.tensor([0.6, 0.0, 0.0])
     still = torch.zeros(8, 3)
     return altered(
-        s, v_WK=x.expand_as(s.v_WK), v_WOK=x.expand_as(s.v_WOK), v_WP=x.expand(8, 3), v_WO=x.expand(8, 3), w_WP_P=still,
-        w_WO=still, c_W=x.expand(8, 3), speed=torch.full((8,), 0.6), heading_error=torch.zeros(8), yaw=torch.zeros(8),
-        sgf=s.sgf._replace(force_W=x.expand_as(s.sgf.force_W)), ogf=s.ogf._replace(force_W=x.expand_as(s.ogf.force_W)),
+        s,
+        v_WK=x.expand_as(s.v_WK),
+        v_WOK=x.expand_as(s.v_WOK),
+        v_WP=x.expand(8, 3),
+        v_WO=x.expand(8, 3),
+        w_WP_P=still,
+        w_WO=still,
+        c_W=x.expand(8, 3),
+        speed=torch.full((8,), 0.6),
+        heading_error=torch.zeros(8),
+        yaw=torch.zeros(8),
+        sgf=s.sgf._replace(force_W=x.expand_as(s.sgf.force_W)),
+        ogf=s.ogf._replace(force_W=x.expand_as(s.ogf.force_W)),
         gravity_P=torch.tensor([0.0, 0.0, -1.0]).expand(8, 3),
-    )  # fmt: skip
+    )
 
 
-# the table --------------------------------------------------------------------------------------------------------------
+# the table
+# --------------------------------------------------------------------------------------------------------------
 
 
 def test_who_receives_what(walking):
@@ -100,7 +111,8 @@ def test_every_term_is_tried_below():
     assert not missing, f"no test of {missing}: add a row to SIGNS"
 
 
-# terms: along the field, against it, by hand ----------------------------------------------------------------------------
+# terms: along the field, against it, by hand
+# ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name, points", [("sgf_head", [HEAD]), ("sgf_pelvis", [PELVIS]), ("sgf_feet", list(FEET))])

@@ -29,9 +29,10 @@ def straight(p):
 
 def places(scene, geodesic=None):
     return standing_places(
-        scene, lambda p: np.column_stack([straight(p), np.zeros(len(p))]),
+        scene,
+        lambda p: np.column_stack([straight(p), np.zeros(len(p))]),
         geodesic or (lambda p: np.linalg.norm(straight(p), axis=1)),
-    )  # fmt: skip
+    )
 
 
 def test_an_open_floor_is_a_lattice_without_its_rim_and_goal():

@@ -127,9 +127,13 @@ def snapshot_where(s, **flags):
         p_WO[:, 2] = 0.1
     yes, no = torch.ones(8, dtype=torch.bool), torch.zeros(8, dtype=torch.bool)
     return dataclasses.replace(
-        s, p_WP=p_WP, p_WO=p_WO, robot_hit=yes if flags.get("robot") else no, object_hit=yes if flags.get("object") else no,
+        s,
+        p_WP=p_WP,
+        p_WO=p_WO,
+        robot_hit=yes if flags.get("robot") else no,
+        object_hit=yes if flags.get("object") else no,
         goal_distance=torch.full((8,), 0.05 if flags.get("goal") else 1.0),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(
@@ -166,7 +170,8 @@ def test_without_end_at_goal_the_episode_goes_on(env):
 
 
 def test_a_stay_at_the_goal_is_cut_short_after_its_mean_time(make_env):
-    """Drawn in every step, so the mean of 1,600 draws a step apart is the time asked for; away from the goal nothing is cut."""
+    """Drawn in every step, so the mean of 1,600 draws a step apart is the time asked for; away from the goal nothing is
+    cut."""
     env = make_env(8, goal_stay_s=0.1)
     env.reset()
     running = torch.zeros(8).bool()

@@ -79,10 +79,17 @@ def test_measurement(robot_state, rng):
     np.testing.assert_array_equal(m.joint_pos, robot_state[JOINT_POS])
     np.testing.assert_array_equal(m.joint_vel, robot_state[JOINT_VEL])
     for name, value in {
-        "p_WP": robot_state[:3], "quat_WP": robot_state[3:7], "p_WO": robot_state[36:39], "quat_WO": robot_state[39:43],
-        "v_WP": robot_state[43:46], "w_WP_P": robot_state[46:49], "v_WO": robot_state[78:81], "w_WO_O": robot_state[81:],
-        "foot_force_W": force[:6].reshape(2, 3), "hand_force_W": force[6:].reshape(2, 3),
-    }.items():  # fmt: skip
+        "p_WP": robot_state[:3],
+        "quat_WP": robot_state[3:7],
+        "p_WO": robot_state[36:39],
+        "quat_WO": robot_state[39:43],
+        "v_WP": robot_state[43:46],
+        "w_WP_P": robot_state[46:49],
+        "v_WO": robot_state[78:81],
+        "w_WO_O": robot_state[81:],
+        "foot_force_W": force[:6].reshape(2, 3),
+        "hand_force_W": force[6:].reshape(2, 3),
+    }.items():
         np.testing.assert_allclose(getattr(m, name), value, atol=1e-15, err_msg=name)
     assert m.time_s == 1.5 and m.finite()
 

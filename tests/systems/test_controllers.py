@@ -57,10 +57,13 @@ def test_pickup_before_it_begins(picking):
 def test_wiring_of_the_hand_over(picking):
     found = wires(picking)
     for wire in (
-        ("pickup", "torque", "mode_selector", "pickup_torque"), ("joint_pd", "torque", "mode_selector", "carry_torque"),
-        ("mode_selector", "carry_active", "policy", "active"), ("mode_selector", "walk_active", "walk", "active"),
-        ("walk", "torque", "mode_selector", "walk_torque"), ("mode_selector", "torque", "safety_monitor", "command"),
-    ):  # fmt: skip
+        ("pickup", "torque", "mode_selector", "pickup_torque"),
+        ("joint_pd", "torque", "mode_selector", "carry_torque"),
+        ("mode_selector", "carry_active", "policy", "active"),
+        ("mode_selector", "walk_active", "walk", "active"),
+        ("walk", "torque", "mode_selector", "walk_torque"),
+        ("mode_selector", "torque", "safety_monitor", "command"),
+    ):
         assert wire in found
 
 
@@ -71,10 +74,14 @@ def test_wiring_of_the_hand_over(picking):
         ({"support_height_m": 0.39}, PickInfeasible, "support_height_m 0.39 .* 0.39 m: allowed are 0.40 to 0.85 m"),
         ({"support_height_m": 0.86}, PickInfeasible, "support_height_m 0.86 .* 0.86 m: allowed are 0.40 to 0.85 m"),
         ({"support_near_m": 0.61}, PickInfeasible, "support_near_m 0.61: .* 0.15 to 0.60 m, stand nearer"),
-        ({"support_near_m": 0.6, "carried": Box((0.4, 0.3, 0.3), 1.0)}, PickInfeasible, "support_near_m 0.6: .* is violated"),
+        (
+            {"support_near_m": 0.6, "carried": Box((0.4, 0.3, 0.3), 1.0)},
+            PickInfeasible,
+            "support_near_m 0.6: .* is violated",
+        ),
         ({"carried": Box((0.3, 0.3, 0.3), 30.0)}, CarryInfeasible, "too heavy"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_picked_up(change, error, message, controller):
     """Is told when the station is made: too low, too high, too far, out of reach within what is allowed, too heavy."""
     with pytest.raises(error, match=message):

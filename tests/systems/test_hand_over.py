@@ -158,9 +158,14 @@ def test_a_rehearsal_senses_as_the_station_does(ready):
 
 @pytest.mark.parametrize(
     "values, message",
-    [({"horizon_s": -1.0}, "horizon_s"), ({"horizon_s": "long"}, "horizon_s"), ({"push_m_s": ()}, "push_m_s"),
-     ({"push_m_s": (float("nan"),)}, "push_m_s"), ({"push_m_s": "no"}, "push_m_s")],
-)  # fmt: skip
+    [
+        ({"horizon_s": -1.0}, "horizon_s"),
+        ({"horizon_s": "long"}, "horizon_s"),
+        ({"push_m_s": ()}, "push_m_s"),
+        ({"push_m_s": (float("nan"),)}, "push_m_s"),
+        ({"push_m_s": "no"}, "push_m_s"),
+    ],
+)
 def test_impossible_rehearsals(values, message):
     with pytest.raises(InvalidConfig, match=message):
         RehearsalConfig(**values)
@@ -188,8 +193,11 @@ def test_departures_leave_room_and_turn_to_the_command(bearing):
         assert abs(found.turn_rad) == pytest.approx(np.pi / 2 - SECTOR_RAD, abs=0.35)
     behind = Obstacle("wall", "side", BoxShape((0.1, 3.0, 1.5)), (-0.65, 0.0, 0.75))
     if bearing == 0.0:  # no room to step back as far
-        tight = around_table(with_table(Scene("tight", ((-1.0, -1.0, 0.0), (2.5, 1.0, 1.5)), obstacles=(behind,)),
-                                        table_of(OPEN, config)))  # fmt: skip
+        tight = around_table(
+            with_table(
+                Scene("tight", ((-1.0, -1.0, 0.0), (2.5, 1.0, 1.5)), obstacles=(behind,)), table_of(OPEN, config)
+            )
+        )
         assert plan_departure(build_hod_pf(tight), PolicyTask(), carry, origin).back_m < found.back_m
 
 
@@ -212,8 +220,10 @@ def test_a_table_beside_the_start():
     assert beside_start(OPEN, config).pick_bearing_rad == pytest.approx(np.pi / 2)
     left = Obstacle("post", "side", BoxShape((0.1, 0.1, 1.2)), (0.3, 0.62, 0.6))
     assert beside_start(Scene("left", obstacles=(left,)), config).pick_bearing_rad == pytest.approx(-np.pi / 2)
-    walls = [Obstacle(f"w{i}", "side", BoxShape((0.3, 0.3, 1.4)), (0.65 * np.cos(a), 0.65 * np.sin(a), 0.7))
-             for i, a in enumerate(np.linspace(0.6, 5.7, 9))]  # fmt: skip
+    walls = [
+        Obstacle(f"w{i}", "side", BoxShape((0.3, 0.3, 1.4)), (0.65 * np.cos(a), 0.65 * np.sin(a), 0.7))
+        for i, a in enumerate(np.linspace(0.6, 5.7, 9))
+    ]
     with pytest.raises(InvalidStation, match="no room for a table"):
         beside_start(Scene("cell", obstacles=tuple(walls)), config)
 
@@ -254,7 +264,8 @@ def test_what_is_told_of_a_hand_over(ready):
 @pytest.mark.slow
 @pytest.mark.parametrize("policy", ["student", "carry"])
 def test_the_box_stays_in_the_hands(policy):
-    """Three seconds beyond the switch, whoever carries on; `student`, which is fit for it, does so itself. No jump in torque."""
+    """Three seconds beyond the switch, whoever carries on; `student`, which is fit for it, does so itself. No jump in
+    torque."""
     from benchmarks.handover import advance_beyond
 
     station = make_station(StationConfig(policy=policy, log_hz=50.0), controller="pickup_then_policy")

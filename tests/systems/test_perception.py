@@ -61,9 +61,19 @@ def test_noise_is_the_environments(env, carry, monkeypatch, rng, tracking):
         )
         s = env.sensors.measure(env.snapshot(), ids, torch.tensor(offset[None], dtype=torch.float32), env.generator)
         percept, estimate = measure(
-            true, estimate, draws, config, False, offset, keypoints=model.keypoints_at(state[:43]), refresh=k % 5 == 0,
-            gain=max(0.1, 1.0 / (k + 1)), tilt_gain=max(TRACK_TILT, 1.0 / (k + 1)), hold_s=0.1, dt_s=0.02 if k else 0.0,
-        )  # fmt: skip
+            true,
+            estimate,
+            draws,
+            config,
+            False,
+            offset,
+            keypoints=model.keypoints_at(state[:43]),
+            refresh=k % 5 == 0,
+            gain=max(0.1, 1.0 / (k + 1)),
+            tilt_gain=max(TRACK_TILT, 1.0 / (k + 1)),
+            hold_s=0.1,
+            dt_s=0.02 if k else 0.0,
+        )
         np.testing.assert_allclose(estimate[5:8], env.sensors.velocity[0], atol=1e-5)
         np.testing.assert_allclose(estimate[8:11], env.sensors.gravity[0], atol=1e-6)
         assert tracking == bool(np.abs(estimate[5:8]).max() > 0.0) or k < 5

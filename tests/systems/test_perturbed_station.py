@@ -113,10 +113,15 @@ def test_encoders_that_err_are_read_so(carry, robot_state, run):
 
 def test_what_goes_wrong():
     for changes, message in (
-        ({"push_m_s": -1.0}, "push_m_s is -1.0"), ({"push_interval_s": 0.0}, "push_interval_s is 0.0"),
-        ({"dynamics": "wild"}, "dynamics is 'wild': known are nominal, student, robot, robot_nominal, paper, or a mapping"),
-        ({"dynamics": {"gain": 2.0}}, "gain is 2.0: a share below 1"), ({"dynamics": {"mas": 0.1}}, "unknown key 'mas'"),
-    ):  # fmt: skip
+        ({"push_m_s": -1.0}, "push_m_s is -1.0"),
+        ({"push_interval_s": 0.0}, "push_interval_s is 0.0"),
+        (
+            {"dynamics": "wild"},
+            "dynamics is 'wild': known are nominal, student, robot, robot_nominal, paper, or a mapping",
+        ),
+        ({"dynamics": {"gain": 2.0}}, "gain is 2.0: a share below 1"),
+        ({"dynamics": {"mas": 0.1}}, "unknown key 'mas'"),
+    ):
         with pytest.raises(InvalidConfig, match=message):
             config(**changes)
     assert config().dynamics == STUDENT_DYNAMICS
@@ -133,7 +138,8 @@ def at_once(model, qpos, qvel, ctrl):
 
 
 def test_whichever_servo_holds_the_joints_the_drawn_robot_is_felt(carry, run, monkeypatch):
-    """Torques, friction, inertia and weight: the motors' own servos, the plant's, the diagram's, and motors of a walk."""
+    """Torques, friction, inertia and weight: the motors' own servos, the plant's, the diagram's, and motors of a
+    walk."""
     from hotice.control.plant import TorquePlant
 
     made = {

@@ -14,7 +14,7 @@ from hotice.systems.state_adaptor import (
     MujocoStateAdaptor,
     drake_to_robot_state,
     robot_state_of_mujoco,
-)  # fmt: skip
+)
 
 
 def test_mujoco_state(carry, rng, run):

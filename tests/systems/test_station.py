@@ -15,7 +15,7 @@ from hotice.errors import (
     NotAvailable,
     OutputError,
     UnknownName,
-)  # fmt: skip
+)
 from hotice.model import Obstacle, Scene
 from hotice.model.builder import FLOOR, robot_spec
 from hotice.model.self_contact import pairs
@@ -58,8 +58,12 @@ def test_it_carries(station, rollout):
     assert logs["sensor_model.percept"].value.shape[1] == PERCEPT
     assert logs["guidance_field.guidance"].value.shape[1] == GUIDANCE
     assert logs["plant.contact_force"].value.shape[1] == CONTACT_FORCE
-    outputs = {f"{s.get_name()}.{s.get_output_port(i).get_name()}" for s in station.GetSystems()
-               if not s.get_name().startswith("log/") for i in range(s.num_output_ports())}  # fmt: skip
+    outputs = {
+        f"{s.get_name()}.{s.get_output_port(i).get_name()}"
+        for s in station.GetSystems()
+        if not s.get_name().startswith("log/")
+        for i in range(s.num_output_ports())
+    }
     assert set(logs) == outputs
 
 
@@ -75,8 +79,10 @@ def test_record(station, rollout, tmp_path):
 def test_judge(station, rollout):
     qpos = read_logs(station, rollout.get_context())["state_adaptor.robot_state"].value[:, :43].copy()
     for change, outcome in (
-        ({2: 0.3}, "fall"), ({38: 0.9, 36: 5.0}, "drop"), ({0: 2.0, 1: 0.0, 36: 2.25, 37: 0.0}, "success"),
-    ):  # fmt: skip
+        ({2: 0.3}, "fall"),
+        ({38: 0.9, 36: 5.0}, "drop"),
+        ({0: 2.0, 1: 0.0, 36: 2.25, 37: 0.0}, "success"),
+    ):
         end = qpos[0].copy()
         for index, value in change.items():
             end[index] = value

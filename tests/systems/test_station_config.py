@@ -65,7 +65,7 @@ def test_a_file(load):
         ("carried: {shape: cone}", "unknown object shape 'cone'"),
         ("carried: {shape: sphere, radius_m: 0.1, mass_kg: -1}", "mass_kg is -1"),
     ],
-)  # fmt: skip
+)
 def test_bad_files(load, text, message):
     with pytest.raises(InvalidConfig, match=message) as caught:
         load(text)

@@ -1,7 +1,7 @@
 """Plans on disk, one file each, named by a hash of all that decides them.
 
-A file is a NumPy archive without pickle, written aside and then renamed; a damaged one is made anew. The folder keeps the
-newest `MOST_FILES` plans.
+A file is a NumPy archive without pickle, written aside and then renamed; a damaged one is made anew. The folder keeps
+the newest `MOST_FILES` plans.
 """
 
 from __future__ import annotations
@@ -29,9 +29,11 @@ MAX_BYTES = 2**20
 SOLVERS = ("drake", "casadi", "adam-robotics", "pin")
 _PACKAGE = Path(__file__).resolve().parent
 _SOURCES = (
-    *sorted(_PACKAGE.glob("*.py")), _PACKAGE.parent / "terms.py", _PACKAGE.parent / "contacts.py",
+    *sorted(_PACKAGE.glob("*.py")),
+    _PACKAGE.parent / "terms.py",
+    _PACKAGE.parent / "contacts.py",
     *(_PACKAGE.parents[1] / "model" / f"{name}.py" for name in ("carry", "least_squares", "builder", "objects")),
-)  # fmt: skip
+)
 
 
 class BrokenPlanFile(UserWarning):
@@ -48,9 +50,14 @@ def plan_key(task: PickTask, durations: Durations) -> str:
     """Hash of robot, planner and solvers, object, support, stance, pose of the object and durations."""
     grip = task.grip
     facts = [
-        _planner(), grip.carried.to_dict(), vars(grip.support), vars(durations), task.q_start.tolist(),
-        task.pose.p_WO.tolist(), task.yaw,
-    ]  # fmt: skip
+        _planner(),
+        grip.carried.to_dict(),
+        vars(grip.support),
+        vars(durations),
+        task.q_start.tolist(),
+        task.pose.p_WO.tolist(),
+        task.yaw,
+    ]
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:32]
 
 

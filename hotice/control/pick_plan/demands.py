@@ -1,4 +1,6 @@
-"""What is demanded of keyframes, as constraints of the inverse kinematics: a stance, palms beside the object, clearances."""
+"""What is demanded of keyframes, as constraints of the inverse kinematics: a stance, palms beside the object,
+clearances.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,9 @@ HANDS = tuple(f"{side}_wrist_yaw_link" for side in g1.SIDES)
 KNEES = tuple(f"{side}_knee_link" for side in g1.SIDES)
 SIGN = (1.0, -1.0)
 PALM_GAPS_M = {"box": (0.008,), "cylinder": (0.0005, 0.002, 0.004), "sphere": (0.0005, 0.002, 0.004)}
-"""How far palm spheres may be off the surface, tried one after another: locked wrists cannot make palms perfectly flush.
-A cost does the rest; a cylinder would roll between palms of which only one pair of spheres touches. Large spheres slip where
-more is demanded (trial 1 of `benchmarks.pickup --shape sphere --seed 1`): why is not known."""
+"""How far palm spheres may be off the surface, tried one after another: locked wrists cannot make palms perfectly
+flush. A cost does the rest; a cylinder would roll between palms of which only one pair of spheres touches. Large
+spheres slip where more is demanded (trial 1 of `benchmarks.pickup --shape sphere --seed 1`): why is not known."""
 
 
 class Demands:
@@ -50,10 +52,11 @@ class Demands:
                 p_F, out = self.hand(i) + p_H, float(carried.half_extents_m[1]) + PALM_RADIUS_M + gap
                 ahead = p_H[0] - GRIP_AHEAD_M
                 aside = {"box": 0.0, "cylinder": ahead, "sphere": np.hypot(ahead, p_H[2])}[carried.shape]
+                # where the sphere touches in the middle of the side
                 plane, inf = (
                     SIGN[i] * np.sqrt(out**2 - aside**2),
                     np.inf,
-                )  # where the sphere touches in the middle of the side
+                )
                 ik.point(link, p_F, pose.p_WO + pose.R_WO @ [0.0, plane, 0.0], [0.0, weight, 0.0], pose.R_WO)
                 if carried.shape == "box":
                     low, high = [-inf, plane - off_m, -inf], [inf, plane + off_m, inf]

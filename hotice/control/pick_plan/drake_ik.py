@@ -46,9 +46,16 @@ class KeyframeIk:
         self._name(self._prog.AddConstraint(com, np.concatenate([self._q, self._com])), "centre of mass over the feet")
 
     def place(
-        self, link: str, p_F: ArrayLike, p: ArrayLike, R: Array, name: str, at_m: float = 0.0, turn: float = 0.0,
+        self,
+        link: str,
+        p_F: ArrayLike,
+        p: ArrayLike,
+        R: Array,
+        name: str,
+        at_m: float = 0.0,
+        turn: float = 0.0,
         seen_from: str = "",
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Point p_F (3,) of a link comes to p (3,), within `at_m`, and the link turns to R (3, 3), within `turn` [rad].
 
         `seen_from`: another link, in whose frame p and R are; default the world.
@@ -58,12 +65,22 @@ class KeyframeIk:
         near, inf, arc = np.full(3, at_m), np.inf, at_m + turn * AHEAD_M
         far, side = np.array([inf, arc, arc]), np.array([inf, inf, at_m + turn * ASIDE_M])
         for point, least, most, what in (
-            (p_F, -near, near, name), (ahead, -far, far, f"turn of the {name}"), (aside, -side, side, f"turn of the {name}")
-        ):  # fmt: skip
+            (p_F, -near, near, name),
+            (ahead, -far, far, f"turn of the {name}"),
+            (aside, -side, side, f"turn of the {name}"),
+        ):
             self._within(link, point, target, least, most, what, seen_from)
 
-    def within(self, link: str, p_F: ArrayLike, low: ArrayLike, high: ArrayLike, name: str, p: ArrayLike = (0.0, 0.0, 0.0),
-               R: Array | None = None) -> None:  # fmt: skip
+    def within(
+        self,
+        link: str,
+        p_F: ArrayLike,
+        low: ArrayLike,
+        high: ArrayLike,
+        name: str,
+        p: ArrayLike = (0.0, 0.0, 0.0),
+        R: Array | None = None,
+    ) -> None:
         """Point p_F (3,) of a link between low and high (3,), in the frame at p, R (default the world)."""
         self._within(link, p_F, _pose(p, np.eye(3) if R is None else R), low, high, name)
 
@@ -109,7 +126,9 @@ class KeyframeIk:
         self._prog.AddQuadraticErrorCost(2.0 * np.diag(weights**2), joints, self._joints)
 
     def pelvis_turn(self, quat_WP: Array, weights: ArrayLike) -> None:
-        """Cost: turn of the pelvis from quat (4,), weights (3,) about its axes; the vector part of the difference, doubled."""
+        """Cost: turn of the pelvis from quat (4,), weights (3,) about its axes; the vector part of the difference,
+        doubled.
+        """
         w, x, y, z = quat_WP
         vector = np.array([[-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])  # of conj(quat) * q
         L = 2.0 * np.asarray(weights)[:, None] * vector
@@ -121,12 +140,17 @@ class KeyframeIk:
         self.pelvis_turn(quat_WP, np.full(3, weights[1]))
 
     def solve(self, guess: Array, what: str) -> Array:
-        """The configuration (27,) of least cost near `guess` (27,). Raises `PickInfeasible`, naming what is violated."""
+        """The configuration (27,) of least cost near `guess` (27,). Raises `PickInfeasible`, naming what is
+        violated.
+        """
         from pydrake.solvers import SnoptSolver, SolverOptions
 
         options, solver = SolverOptions(), SnoptSolver()
-        for key, value in (("Major iterations limit", MAJOR_STEPS), ("Major feasibility tolerance", 1e-6),
-                           ("Major optimality tolerance", 1e-4)):  # fmt: skip
+        for key, value in (
+            ("Major iterations limit", MAJOR_STEPS),
+            ("Major feasibility tolerance", 1e-6),
+            ("Major optimality tolerance", 1e-4),
+        ):
             options.SetOption(solver.solver_id(), key, value)
         start = self._start(guess)
         result: Any = solver.Solve(self._prog, start, options)

@@ -1,4 +1,6 @@
-"""How one object is gripped and held, wherever it stands: height of the palms, locked wrists, the carry state it ends in."""
+"""How one object is gripped and held, wherever it stands: height of the palms, locked wrists, the carry state it ends
+in.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +17,15 @@ from hotice.model.objects import CarriedObject
 Array = NDArray[np.float64]
 GRASP_ABOVE_CENTRE_M = 0.055  # the object hangs from the palms: the higher they hold it, the less it tilts
 SPHERE_BELOW_M = 0.02
-"""Spheres are held that much below their centre, so that the palms also bear: palms above it press a sphere out downwards."""
+"""Spheres are held that much below their centre, so that the palms also bear: palms above it press a sphere out
+downwards."""
 HIGHEST_GRASP_M = 1.03
 GRIP_AHEAD_M = 0.04
 TOE_IN_M = 0.0025
 WRIST_IN_RAD = 0.06
-"""Objects are held between the front of the palms, whose rear stays off, boxes by this much: locked wrists cannot make palms
-perfectly flush, and which pair of palm spheres carries must be known, so that it can be put beside the centre of mass."""
+"""Objects are held between the front of the palms, whose rear stays off, boxes by this much: locked wrists cannot make
+palms perfectly flush, and which pair of palm spheres carries must be known, so that it can be put beside the centre of
+mass."""
 PALM_REACH_M = 0.16  # a palm further than this behind the near face is not asked for
 PALM_POINTS_M = np.array([[sx * 0.04, 0.0, sz * 0.025] for sx in (-1, 1) for sz in (-1, 1)])
 """Centres of the palm spheres in the hand frame; a test holds them to g1.xml."""
@@ -37,7 +41,8 @@ class Grip:
     Attributes:
         above_m: height of the palms above the object's centre.
         place: (2, 3) middle of the palms in O. carry: where it ends; wrist_pos: (6,) locked wrists [rad].
-        rise_m: how far the object is lifted. steps_back: whether the support is in the way of lowering it to the carry state.
+        rise_m: how far the object is lifted. steps_back: whether the support is in the way of lowering it to the carry
+            state.
 
     Raises `CarryInfeasible` where the object cannot be held.
     """
@@ -73,7 +78,8 @@ class Grip:
     def gaps_m(self, off_m: float = 0.0) -> Array:
         """(4,) between palm spheres and object where the front pair is `off_m` off it: the rear pair stays off by more.
 
-        Flat sides are met with the palms toed in. Beside round ones the palms are straight, and their front is at the widest.
+        Flat sides are met with the palms toed in. Beside round ones the palms are straight, and their front is at the
+        widest.
         """
         if self.carried.shape == "box":
             rear = off_m + TOE_IN_M

@@ -1,7 +1,7 @@
 """First guesses of the keyframes: bounded least squares over robot pose and joints, where every wish is soft.
 
-A guess may miss what it is asked for; `keyframes` turns it into a configuration that keeps its constraints or says which it
-cannot.
+A guess may miss what it is asked for; `keyframes` turns it into a configuration that keeps its constraints or says
+which it cannot.
 """
 
 from __future__ import annotations
@@ -67,7 +67,9 @@ class Guess:
         return self.terms.lower + JOINT_MARGIN_RAD, self.terms.upper - JOINT_MARGIN_RAD
 
     def pregrasp(self, grasp: Array, p_OH: Array) -> Array:
-        """As the grasp, with the palms off the object by `PREGRASP_GAP_M`; p_OH (2, 3) are the hands at the grasp, in O."""
+        """As the grasp, with the palms off the object by `PREGRASP_GAP_M`; p_OH (2, 3) are the hands at the grasp, in
+        O.
+        """
         grip, pose, before = self.task.grip, self.task.pose, self._before(grasp)
 
         def rows(p: Pose) -> list[Rows]:
@@ -130,9 +132,14 @@ class Guess:
         ]
 
     def _solve(
-        self, nominal: Array, posture: Array, weight: Array, rows: Callable[[Pose], list[Rows]], *,
+        self,
+        nominal: Array,
+        posture: Array,
+        weight: Array,
+        rows: Callable[[Pose], list[Rows]],
+        *,
         start: Array | None = None,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """The least-squares configuration near `nominal` (27,); `posture` pulls the joints, weights (20,).
 
         Unknowns are increments from `nominal`, (26,), from `start`.

@@ -1,4 +1,6 @@
-"""The five configurations that a pick-up passes: crouch, pregrasp, grasp, lifted, carry; each an inverse-kinematics problem."""
+"""The five configurations that a pick-up passes: crouch, pregrasp, grasp, lifted, carry; each an inverse-kinematics
+problem.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ HELD_M, HELD_RAD = 0.001, 0.01
 LIFTED_M, LIFTED_RAD = 0.02, 0.05
 """How far the lifted object may be beside its place."""
 CARRY_M, CARRY_RAD = 0.03, 0.1
-"""How far the object may end from where the first guess has it, which is as near to the carry state as locked wrists allow."""
+"""How far the object may end from where the first guess has it, which is as near to the carry state as locked wrists
+allow."""
 PELVIS_M = 0.004
 LEVEL_SINE = 0.05
 
@@ -53,7 +56,9 @@ class Keyframes:
 
 
 class KeyframeSolver:
-    """Solves the keyframes of one task; `terms` serve as scratch. Raises `PickInfeasible`, naming what cannot be kept."""
+    """Solves the keyframes of one task; `terms` serve as scratch. Raises `PickInfeasible`, naming what cannot be
+    kept.
+    """
 
     def __init__(self, task: PickTask, robot: DrakeRobot, terms: Terms) -> None:
         self.task, self.terms = task, terms
@@ -79,9 +84,16 @@ class KeyframeSolver:
         low = hands.carried_along(task.pose, both.at)
         carry = task.grip.carry
         end = self._held(
-            both.carry, carry.joint_pos, low, both.at, np.roll(carry.quat_WP, -1), 0.3, (CARRY_M, CARRY_RAD), "the carry state",
+            both.carry,
+            carry.joint_pos,
+            low,
+            both.at,
+            np.roll(carry.quat_WP, -1),
+            0.3,
+            (CARRY_M, CARRY_RAD),
+            "the carry state",
             pelvis_m=float(carry.root_pos_W[2]),
-        )  # fmt: skip
+        )
         return Keyframes(crouch=crouch, pregrasp=pregrasp, grasp=grasp, lifted=lifted, carry=end, hands=hands)
 
     def _grasp(self, guess: Array) -> Array:
@@ -130,7 +142,9 @@ class KeyframeSolver:
         )
 
     def _before(self, guess: Array, grasp: Array, pelvis: Array, p_OH: Array | None) -> Array:
-        """Before the grasp: near its body, hands above the support; with `p_OH` (2, 3) the palms wait beside the object."""
+        """Before the grasp: near its body, hands above the support; with `p_OH` (2, 3) the palms wait beside the
+        object.
+        """
         task, grip = self.task, self.task.grip
         ik = self._demand.standing(0.0, task.pose.p_WO)
         ik.pelvis(pelvis, np.roll(grasp[3:7], 1), (10.0, 10.0))
@@ -151,9 +165,17 @@ class KeyframeSolver:
         return ik.solve(guess, "no room for the hands beside the object")
 
     def _held(
-        self, guess: Array, posture: Array, hands: Frames, at: ObjectPose, quat: Array, arms: float,
-        free: tuple[float, float], what: str, pelvis_m: float | None = None,
-    ) -> Array:  # fmt: skip
+        self,
+        guess: Array,
+        posture: Array,
+        hands: Frames,
+        at: ObjectPose,
+        quat: Array,
+        arms: float,
+        free: tuple[float, float],
+        what: str,
+        pelvis_m: float | None = None,
+    ) -> Array:
         """Hands as they hold the object at `at`, which may be off by `free` [m], [rad].
 
         quat (4,): wished turn of the pelvis, xyzw; `pelvis_m`: its height, where that is demanded.

@@ -30,7 +30,8 @@ OUT = {
     "knees_p": (48, 54),
     "com": (54, 57),
 }
-"""Rows of `kinematics` by name: positions of left and right, rotation matrices column by column, centre of mass of the robot."""
+"""Rows of `kinematics` by name: positions of left and right, rotation matrices column by column, centre of mass of the
+robot."""
 
 
 @lru_cache(maxsize=1)
@@ -43,9 +44,8 @@ def kinematics() -> casadi.Function:
         raise MissingExtra("planning a pick-up", str(error.name), "drake") from None
     model = builder.build_model(None, joints=29, floor=False)
     with warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "Gimbal lock", UserWarning
-        )  # of the inertias' axes, which kinematics leave alone
+        # of the inertias' axes, which kinematics leave alone
+        warnings.filterwarnings("ignore", "Gimbal lock", UserWarning)
         robot = KinDynComputations.from_mujoco_model(model, joints_name_list=list(g1.ALL_JOINTS))
     x, wrists = cs.SX.sym("x", NX), cs.SX.sym("wrists", 6)
     joints = cs.SX.zeros(len(g1.ALL_JOINTS))

@@ -22,14 +22,27 @@ Array = NDArray[np.float64]
 STANDING = {"wrists": 6, "feet_p": 6, "feet_R": 18, "wish": NX, "weight": NX}
 FREE = STANDING | {"object_p": 3, "side": 3}
 """`wish`, `weight`: where x is pulled and how much. `object_p`, `side`: the object's centre and its lateral axis."""
-HOLDING = STANDING | {"left_p": 3, "left_R": 9, "right_in_left_p": 3, "right_in_left_R": 9, "middle": 3, "middle_weight": 3,
-                      "load": 1, "off": 2}  # fmt: skip
+HOLDING = STANDING | {
+    "left_p": 3,
+    "left_R": 9,
+    "right_in_left_p": 3,
+    "right_in_left_R": 9,
+    "middle": 3,
+    "middle_weight": 3,
+    "load": 1,
+    "off": 2,
+}
 """`left_*`: wished left hand; `right_in_left_*`: the right one seen from it; `middle`: wished middle of the hands.
 `load`: the object's share of the total mass; `off`: its centre, horizontally, from the middle of the hands."""
 ROWS_STANDING = ("foot on the floor",) * 12 + ("centre of mass over the feet",) * 2 + ("knees off the support",) * 2
 ROWS_FREE = (*ROWS_STANDING, *("hands above the support",) * 4, *("palms beside the object",) * 8)
-ROWS_HOLDING = (*ROWS_STANDING, *("hold of the object",) * 6, *("object upright",) * 3, *("object on its way",) * 3,
-                "pelvis low enough to step")  # fmt: skip
+ROWS_HOLDING = (
+    *ROWS_STANDING,
+    *("hold of the object",) * 6,
+    *("object upright",) * 3,
+    *("object on its way",) * 3,
+    "pelvis low enough to step",
+)
 TURN_WEIGHT = 40.0
 
 
@@ -75,10 +88,12 @@ def holding() -> tuple[casadi.Function, casadi.Function]:
 
 def pack(parts: dict[str, int], values: dict[str, Array]) -> Array:
     """θ (P,) from its parts; rotation matrices column by column."""
-    return np.concatenate([
-        np.swapaxes(v, -1, -2).ravel() if name.endswith("_R") else np.ravel(v)
-        for name, v in ((name, np.asarray(values[name], dtype=float)) for name in parts)
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            np.swapaxes(v, -1, -2).ravel() if name.endswith("_R") else np.ravel(v)
+            for name, v in ((name, np.asarray(values[name], dtype=float)) for name in parts)
+        ]
+    )
 
 
 def _symbols(parts: dict[str, int]):

@@ -1,8 +1,9 @@
-"""A path through configurations as a nonlinear program, solved by IPOPT: smooth, within limits, every knot under constraints.
+"""A path through configurations as a nonlinear program, solved by IPOPT: smooth, within limits, every knot under
+constraints.
 
 minimise Σ_k |soft(x_k, θ_k)|² + Σ_k |W (x_{k-1} − 2 x_k + x_{k+1})|²
-with low_k <= hard(x_k, θ_k) <= high_k, joint limits, and joint steps |x_{k+1} − x_k| within what the speed limit allows.
-The first and the last knot are given.
+with low_k <= hard(x_k, θ_k) <= high_k, joint limits, and joint steps |x_{k+1} − x_k| within what the speed limit
+allows. The first and the last knot are given.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class Knots:
 
     Attributes:
         ends: (2, 26) first and last knot. guess: (K, 26). theta: (K, P) parameters of `soft` and `hard`.
-        low, high: (K, C) bounds of `hard`. joint_low, joint_high: (20,) [rad]. step: (20,) largest change from knot to knot.
+        low, high: (K, C) bounds of `hard`. joint_low, joint_high: (20,) [rad]. step: (20,) largest change from knot to
+            knot.
     """
 
     ends: Array
@@ -67,22 +69,41 @@ class PathProgram:
         g = cs.vertcat(cs.vec(hard.map(knots)(X, theta)), cs.vec(steps))
         program = {"x": cs.vec(X), "p": cs.vertcat(cs.vec(ends), cs.vec(theta)), "f": cost, "g": g}
         self._solver: Any = cs.nlpsol(
-            "path", "ipopt", program,
-            {"print_time": False, "expand": True, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": MAX_STEPS, "tol": 1e-5,
-             "constr_viol_tol": 1e-6, "acceptable_tol": 1e-4, "acceptable_iter": 5}},
-        )  # fmt: skip
+            "path",
+            "ipopt",
+            program,
+            {
+                "print_time": False,
+                "expand": True,
+                "ipopt": {
+                    "print_level": 0,
+                    "sb": "yes",
+                    "max_iter": MAX_STEPS,
+                    "tol": 1e-5,
+                    "constr_viol_tol": 1e-6,
+                    "acceptable_tol": 1e-4,
+                    "acceptable_iter": 5,
+                },
+            },
+        )
 
     def solve(self, knots: Knots, what: str) -> Array:
         """The path with its ends, (K + 2, 26). Raises `PickInfeasible`, naming the constraint that is violated most."""
         n = self.knots
-        limits = [np.tile(np.concatenate([np.full(6, -sign * np.inf), joint]), n)
-                  for sign, joint in ((1.0, knots.joint_low), (-1.0, knots.joint_high))]  # fmt: skip
+        limits = [
+            np.tile(np.concatenate([np.full(6, -sign * np.inf), joint]), n)
+            for sign, joint in ((1.0, knots.joint_low), (-1.0, knots.joint_high))
+        ]
         step = np.tile(knots.step, n + 1)
         low, high = np.concatenate([knots.low.ravel(), -step]), np.concatenate([knots.high.ravel(), step])
         found = self._solver(
-            x0=np.clip(knots.guess.ravel(), *limits), p=np.concatenate([knots.ends.ravel(), knots.theta.ravel()]),
-            lbx=limits[0], ubx=limits[1], lbg=low, ubg=high,
-        )  # fmt: skip
+            x0=np.clip(knots.guess.ravel(), *limits),
+            p=np.concatenate([knots.ends.ravel(), knots.theta.ravel()]),
+            lbx=limits[0],
+            ubx=limits[1],
+            lbg=low,
+            ubg=high,
+        )
         g = np.asarray(found["g"]).ravel()
         off = np.maximum(low - g, g - high)
         worst = int(np.argmax(off))

@@ -33,11 +33,12 @@ class PickPlan:
     """Configurations (27,) in Pinocchio's order, in G; paths (K, 27) begin where the one before ends.
 
     Attributes:
-        to_crouch: from standing; the pelvis is then ready for the grasp, the arms drawn back. to_pregrasp: palms off the
-            object. to_grasp: palms on it.
+        to_crouch: from standing; the pelvis is then ready for the grasp, the arms drawn back. to_pregrasp: palms off
+            the object. to_grasp: palms on it.
         retreat: from the grasp over the lifted object to the carry state.
         lift_knots: how many steps of it belong to the lift.
-        p_OH: (2, 3) palms in the object frame [m]. p_HO: (2, 3) the object's centre in the hand frames, moved to the palms.
+        p_OH: (2, 3) palms in the object frame [m]. p_HO: (2, 3) the object's centre in the hand frames, moved to the
+            palms.
         hand_point: (2, 3) where the hands press, in their frames [m].
         p_GO: (3,) where the object is before the pick, quat_GO: (4,) its turn about z.
         back_m: how far the robot steps back between lift and retreat.

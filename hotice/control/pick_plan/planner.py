@@ -1,4 +1,6 @@
-"""Plans picks of one object from one support: first guesses, keyframes, paths; what was planned before comes from the cache."""
+"""Plans picks of one object from one support: first guesses, keyframes, paths; what was planned before comes from the
+cache.
+"""
 
 from __future__ import annotations
 
@@ -39,9 +41,13 @@ class Planner:
     """
 
     def __init__(
-        self, carried: CarriedObject, support: Support, durations: Durations | None = None, *,
+        self,
+        carried: CarriedObject,
+        support: Support,
+        durations: Durations | None = None,
+        *,
         folder: Path | str | None = "",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.carried, self.support, self.durations = carried, support, durations or Durations()
         self.folder = cache.default_folder() if folder == "" else None if folder is None else Path(folder)
         self.grip = Grip(carried=carried, support=support)
@@ -76,7 +82,9 @@ class Planner:
         return plan
 
     def fits(self, plan: PickPlan, q_start: Array, p_GO: Array, quat_GO: Array) -> bool:
-        """Whether a plan made before serves here too: feet and object within `SAME_M` and `SAME_RAD` of where they were."""
+        """Whether a plan made before serves here too: feet and object within `SAME_M` and `SAME_RAD` of where they
+        were.
+        """
         now = PickTask.of(self.grip, self.terms, q_start, p_GO, quat_GO)
         feet = frames_at(self.terms, plan.to_crouch[0], FEET)
         turned = [np.linalg.norm(a - b) / np.sqrt(2.0) for a, b in zip(feet.R, now.feet.R, strict=True)]
@@ -95,10 +103,18 @@ class Planner:
         centre = np.einsum("hji,hj->hi", hands.R, pose.p_WO - hands.p)
         centre[:, 1] = PALM_M[:, 1]  # each hand carries its half of the load where it touches
         return PickPlan(
-            to_crouch=crouch, to_pregrasp=reach, to_grasp=close, retreat=paths.retreat(keys), lift_knots=LIFT_KNOTS,
-            p_OH=(hands.p - pose.p_WO) @ pose.R_WO, p_HO=centre, hand_point=PALM_M + [self.grip.grip_m, 0.0, 0.0],
-            p_GO=pose.p_WO, quat_GO=np.asarray(quat_from_yaw(task.yaw), dtype=np.float64), back_m=task.back_m,
-        )  # fmt: skip
+            to_crouch=crouch,
+            to_pregrasp=reach,
+            to_grasp=close,
+            retreat=paths.retreat(keys),
+            lift_knots=LIFT_KNOTS,
+            p_OH=(hands.p - pose.p_WO) @ pose.R_WO,
+            p_HO=centre,
+            hand_point=PALM_M + [self.grip.grip_m, 0.0, 0.0],
+            p_GO=pose.p_WO,
+            quat_GO=np.asarray(quat_from_yaw(task.yaw), dtype=np.float64),
+            back_m=task.back_m,
+        )
 
     @cached_property
     def _robot(self):

@@ -1,7 +1,7 @@
 """One pick: who stands where, and the places of the object from its support to the carry state, in G.
 
-Frame G: origin on the floor between the feet, x ahead. The forearms stay level from grasp to carry, because locked wrists turn
-an object with the forearm; the legs give the height.
+Frame G: origin on the floor between the feet, x ahead. The forearms stay level from grasp to carry, because locked
+wrists turn an object with the forearm; the legs give the height.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""First guess of the grasp and of the carry state together: a grasp is worth what the carry state is that its hold leads to.
+"""First guess of the grasp and of the carry state together: a grasp is worth what the carry state is that its hold
+leads to.
 
-Hands that hold an object keep their poses relative to each other, and with locked wrists that leaves two arms of four joints
-next to no choice: where the object comes to be, level, before an upright pelvis, follows from the grasp alone. One
-least-squares problem over both configurations therefore chooses the hold.
+Hands that hold an object keep their poses relative to each other, and with locked wrists that leaves two arms of four
+joints next to no choice: where the object comes to be, level, before an upright pelvis, follows from the grasp alone.
+One least-squares problem over both configurations therefore chooses the hold.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ HOLD = (200.0, 40.0)
 PLACE_WEIGHT, YAW_WEIGHT, COM_WEIGHT = np.array([8.0, 20.0, 10.0]), 4.0, 12.0
 HEIGHT_WEIGHT, TURN_WEIGHT, POSTURE_WEIGHT = 100.0, 20.0, 0.3
 TRAVEL_WEIGHT = 0.3
-"""Of how far the arms are at the grasp from where they are in the carry state: between stretched and bent arms the retreat has to
-turn the body aside."""
+"""Of how far the arms are at the grasp from where they are in the carry state: between stretched and bent arms the
+retreat has to turn the body aside."""
 STARTS = ((0.0, 0.0, 0.0), (0.2, -0.1, 0.25), (0.5, -0.05, 0.0), (0.0, -0.25, 0.7), (0.3, -0.3, 0.8))
 """Lean [rad], drop of the pelvis [m] and half the bend of the knees [rad] to start the grasp from."""
 ROUGH, EXACT = (12.0, 2.0), (300.0, 0.3)
@@ -75,9 +76,11 @@ class _Problem:
             x = minimize(lambda v, w=weights: self.rows(v, *w), x, low, high, max_steps=120, step_tolerance=1e-5)
         r, _ = self.rows(x, *EXACT)
         return Together(
-            grasp=self._at(self.grasp, x[GRASP])[0], carry=self._at(self.carry, x[CARRY])[0], at=self._object(x),
+            grasp=self._at(self.grasp, x[GRASP])[0],
+            carry=self._at(self.carry, x[CARRY])[0],
+            at=self._object(x),
             cost=float(r @ r),
-        )  # fmt: skip
+        )
 
     def rows(self, x: Array, stiff: float, turn: float) -> Rows:
         """Residuals and their Jacobian (R, N)."""
@@ -95,10 +98,12 @@ class _Problem:
             _wide(row, CARRY, by_x)
             for row in [
                 *self.guess.stand_rows(p, task.grip.carried.mass_kg, at.p_WO),
-                p.com(np.zeros(2), COM_WEIGHT, task.grip.carried.mass_kg, at.p_WO), (height, HEIGHT_WEIGHT * t.J_WF[PELVIS, 2:3]),
-                p.pelvis_turn(np.zeros(3), np.full(3, TURN_WEIGHT)), self._posture(posture_weights(POSTURE_WEIGHT)),
+                p.com(np.zeros(2), COM_WEIGHT, task.grip.carried.mass_kg, at.p_WO),
+                (height, HEIGHT_WEIGHT * t.J_WF[PELVIS, 2:3]),
+                p.pelvis_turn(np.zeros(3), np.full(3, TURN_WEIGHT)),
+                self._posture(posture_weights(POSTURE_WEIGHT)),
             ]
-        ]  # fmt: skip
+        ]
         found += [self._hold(i, hands, J_hands[i], at, by_x) for i in range(2)]
         travel = np.zeros((8, N))
         travel[:, CARRY], travel[:, GRASP] = TRAVEL_WEIGHT * np.eye(NV)[ARMS], -TRAVEL_WEIGHT * np.eye(NV)[ARMS]

@@ -91,13 +91,21 @@ class Paths:
         ends = to_x(self._pin, np.stack([start, end]))
         before, after = (self._object_at(q, keys) for q in (start, end))
         guess = _between(ends, knots)
-        weight = np.concatenate([np.full(3, 0.1), np.full(3, 2.0), np.full(12, 0.02),
-                                 np.full(8, 0.5) if lifts else np.tile([3.0, 0.3, 0.3, 3.0], 2)])  # fmt: skip
+        weight = np.concatenate(
+            [
+                np.full(3, 0.1),
+                np.full(3, 2.0),
+                np.full(12, 0.02),
+                np.full(8, 0.5) if lifts else np.tile([3.0, 0.3, 0.3, 3.0], 2),
+            ]
+        )
         common = self._standing() | {
-            "right_in_left_p": hands.R[0].T @ (hands.p[1] - hands.p[0]), "right_in_left_R": hands.R[0].T @ hands.R[1],
-            "weight": weight, "load": grip.carried.mass_kg / (grip.carried.mass_kg + self.terms.mass_kg),
+            "right_in_left_p": hands.R[0].T @ (hands.p[1] - hands.p[0]),
+            "right_in_left_R": hands.R[0].T @ hands.R[1],
+            "weight": weight,
+            "load": grip.carried.mass_kg / (grip.carried.mass_kg + self.terms.mass_kg),
             "middle_weight": np.full(3, 200.0) if lifts else np.array([1.0, 60.0, 3.0]),
-        }  # fmt: skip
+        }
         rows = []
         near = np.inf if grip.steps_back else grip.support.near_m
         lowest = grip.support.top_m + grip.carried.half_extents_m[2] + 0.5 * CLEAR_M
@@ -154,10 +162,14 @@ class Paths:
     ) -> dict[str, Array]:
         step = JOINT_SPEED * seconds / (knots + 1) / EASE_PEAK
         return {
-            "ends": ends, "theta": theta, "joint_low": self.terms.lower, "joint_high": self.terms.upper,
-            "low": np.broadcast_to(low, (knots, low.shape[-1])), "high": np.broadcast_to(high, (knots, high.shape[-1])),
+            "ends": ends,
+            "theta": theta,
+            "joint_low": self.terms.lower,
+            "joint_high": self.terms.upper,
+            "low": np.broadcast_to(low, (knots, low.shape[-1])),
+            "high": np.broadcast_to(high, (knots, high.shape[-1])),
             "step": np.full(20, step),
-        }  # fmt: skip
+        }
 
     def _solve(self, holding: bool, knots: Knots, what: str) -> Array:
         return to_q(self._pin, program(holding, len(knots.guess)).solve(knots, what))

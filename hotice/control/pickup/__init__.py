@@ -1,8 +1,9 @@
 """Picking an object up from a support: a phase machine over the whole-body QP.
 
-settle -> crouch -> reach -> close -> squeeze -> lift (-> back, where the support is in the way) -> retreat (-> depart) -> hold.
-A missed grasp opens the hands, plans anew and tries again. What cannot be mended ends in `abort`: hands off, back to standing.
-The robot may stand anywhere: all is planned and done in G, the frame of its feet at the start (`stance`).
+settle -> crouch -> reach -> close -> squeeze -> lift (-> back, where the support is in the way) -> retreat (-> depart)
+-> hold. A missed grasp opens the hands, plans anew and tries again. What cannot be mended ends in `abort`: hands off,
+back to standing. The robot may stand anywhere: all is planned and done in G, the frame of its feet at the start
+(`stance`).
 """
 
 from hotice.control.pickup.config import PickupConfig

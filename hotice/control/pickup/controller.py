@@ -35,9 +35,16 @@ class Pickup:
     """
 
     def __init__(
-        self, carried: CarriedObject, support: Support, p_GO: ArrayLike, quat_GO: ArrayLike, *,
-        departure: Departure | None = None, config: PickupConfig | None = None, qp: QpConfig | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        carried: CarriedObject,
+        support: Support,
+        p_GO: ArrayLike,
+        quat_GO: ArrayLike,
+        *,
+        departure: Departure | None = None,
+        config: PickupConfig | None = None,
+        qp: QpConfig | None = None,
+    ) -> None:
         self.config = config or PickupConfig()
         self.carried, self.support, self.departure = carried, support, departure or Departure()
         self.planner = Planner(carried, support, self.config.durations)
@@ -63,9 +70,15 @@ class Pickup:
         Plans where the object is not where it was expected: this takes longer than a control step, and is not one.
         """
         memory = PickupMemory(
-            qp=self._qp.start(measurement), stance=None, phase="settle", since_s=measurement.time_s,
-            came_from=self.start_q, reference=self.start_q, start=self.start_q, plan=self.expected,
-        )  # fmt: skip
+            qp=self._qp.start(measurement),
+            stance=None,
+            phase="settle",
+            since_s=measurement.time_s,
+            came_from=self.start_q,
+            reference=self.start_q,
+            start=self.start_q,
+            plan=self.expected,
+        )
         return self._placed(memory, measurement) if measurement.finite() else memory
 
     def _placed(self, memory: PickupMemory, measurement: Measurement) -> PickupMemory:

@@ -50,9 +50,8 @@ class Phases:
 
     def _crouch(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         plan = _plan(memory)
-        knots = (
-            [plan.crouch] if memory.attempt else plan.to_crouch[1:]
-        )  # the path begins where the robot stood at first
+        # the path begins where the robot stood at first
+        knots = [plan.crouch] if memory.attempt else plan.to_crouch[1:]
         memory.reference = self._along([memory.came_from, *knots], elapsed / self.config.crouch_s)
         if elapsed >= self.config.crouch_s:
             self._enter(memory, m, "reach")
@@ -191,9 +190,18 @@ def _plan(memory: PickupMemory) -> Any:
 
 
 STEPS: dict[str, Callable[[Phases, PickupMemory, Measurement, Motion, float], None]] = {
-    "settle": Phases._settle, "crouch": Phases._crouch, "reach": Phases._reach, "close": Phases._close,
-    "squeeze": Phases._squeeze, "lift": Phases._lift, "back": Phases._back, "retreat": Phases._retreat,
-    "depart": Phases._depart, "hold": Phases._rest, "open": Phases._open, "stand": Phases._stand,
+    "settle": Phases._settle,
+    "crouch": Phases._crouch,
+    "reach": Phases._reach,
+    "close": Phases._close,
+    "squeeze": Phases._squeeze,
+    "lift": Phases._lift,
+    "back": Phases._back,
+    "retreat": Phases._retreat,
+    "depart": Phases._depart,
+    "hold": Phases._rest,
+    "open": Phases._open,
+    "stand": Phases._stand,
     "abort": Phases._rest,
-}  # fmt: skip
+}
 PHASES = tuple(STEPS)

@@ -1,7 +1,8 @@
 """Which plan is followed: one made ahead, as long as feet and object are where it has them; else a new one.
 
-Making a plan takes longer than a control step, and the torques of the last step go on meanwhile. The first plan is therefore
-made before the first step, while the robot stands; in a step one is made only for an object that has moved since.
+Making a plan takes longer than a control step, and the torques of the last step go on meanwhile. The first plan is
+therefore made before the first step, while the robot stands; in a step one is made only for an object that has moved
+since.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ class Plans:
         self.planner = planner
 
     def foresee(self, memory: PickupMemory, m: Measurement) -> None:
-        """Plans for the object as it is seen before the first step; what hinders is left to be told when it is time to go."""
+        """Plans for the object as it is seen before the first step; what hinders is left to be told when it is time to
+        go.
+        """
         try:
             memory.plan = self._plan(memory, m)
         except PickInfeasible:

@@ -18,11 +18,12 @@ Array = NDArray[np.float64]
 STANDING_N = 400.0
 TURN_N_M, TURN_NS_M = 1500.0, 60.0
 ROLL_NM, ROLL_NMS = np.array([5.0, 40.0, 40.0]), 1.0
-"""Stiffness of palms on round sides about the axes of the hand: soft about x, because a pair of palm spheres, one above the
-other, aligns itself; a stiff palm loads one of the two, about which the object then swings."""
+"""Stiffness of palms on round sides about the axes of the hand: soft about x, because a pair of palm spheres, one above
+the other, aligns itself; a stiff palm loads one of the two, about which the object then swings."""
 BEARS_M, INWARD = 0.03, (1.0, -1.0)
-"""The weight of round objects bears on the skin of the palms, that far inward of the points at which they press (chosen on heavy
-spheres). Without its moment the lower of two palm spheres is unloaded, until the object swings about the upper one."""
+"""The weight of round objects bears on the skin of the palms, that far inward of the points at which they press (chosen
+on heavy spheres). Without its moment the lower of two palm spheres is unloaded, until the object swings about the upper
+one."""
 
 
 class Tracking:

@@ -1,4 +1,6 @@
-"""A walking baseline that carries the object: footsteps along the guidance field, DCM, step adjustment, whole-body QP."""
+"""A walking baseline that carries the object: footsteps along the guidance field, DCM, step adjustment, whole-body
+QP.
+"""
 
 from typing import TYPE_CHECKING, Any
 

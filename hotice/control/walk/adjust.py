@@ -1,12 +1,13 @@
-"""Step adjustment: where and when the swing foot lands, and how far the zero-moment point leaves the middle of the sole.
+"""Step adjustment: where and when the swing foot lands, and how far the zero-moment point leaves the middle of the
+sole.
 
 With the zero-moment point at r + delta, r the middle of the stance foot, the DCM at the landing in time T is
 
     xi(T) = r + delta + (xi - r - delta) exp(omega T) = p + b,
 
 p the foothold and b the offset the next step begins with. Walking is viable while b is kept, so the problem is a small
-quadratic programme in (p, b, delta, tau = exp(omega T)); delta (1 - tau) is taken at the planned tau. After Khadiv et al.,
-"Walking control based on step timing adaptation" (2020), with the zero-moment point as a third means.
+quadratic programme in (p, b, delta, tau = exp(omega T)); delta (1 - tau) is taken at the planned tau. After Khadiv et
+al., "Walking control based on step timing adaptation" (2020), with the zero-moment point as a third means.
 """
 
 from __future__ import annotations
@@ -72,10 +73,20 @@ class StepAdjuster:
     _solver: Any = None
 
     def solve(
-        self, dcm: Array, stance: Array, stance_yaw: float, foothold: Array, offset: Array, remaining_s: float,
-        omega: float, side: float, *, shift_s: tuple[float, float] = (-0.1, 0.1),
-        slack_m: tuple[float, float, float] = (np.inf, np.inf, np.inf), freeze: bool = False,
-    ) -> Adjustment:  # fmt: skip
+        self,
+        dcm: Array,
+        stance: Array,
+        stance_yaw: float,
+        foothold: Array,
+        offset: Array,
+        remaining_s: float,
+        omega: float,
+        side: float,
+        *,
+        shift_s: tuple[float, float] = (-0.1, 0.1),
+        slack_m: tuple[float, float, float] = (np.inf, np.inf, np.inf),
+        freeze: bool = False,
+    ) -> Adjustment:
         """Best landing for a measured DCM.
 
         Args:
@@ -113,9 +124,12 @@ class StepAdjuster:
         lower, upper = np.concatenate([low, -reach, [t_low]]), np.concatenate([high, reach, [t_high]])
         x, solved = self._solve(H, g, lower, upper, np.clip(wish, lower, upper))
         return Adjustment(
-            stance + R @ x[:2], R @ (offset_of @ x), stance + R @ np.clip(x[2:4], -reach, reach),
-            float(np.log(max(x[4], 1e-6) * tau) / omega), solved,
-        )  # fmt: skip
+            stance + R @ x[:2],
+            R @ (offset_of @ x),
+            stance + R @ np.clip(x[2:4], -reach, reach),
+            float(np.log(max(x[4], 1e-6) * tau) / omega),
+            solved,
+        )
 
     def _solve(self, H: Array, g: Array, lower: Array, upper: Array, otherwise: Array) -> tuple[Array, bool]:
         """Minimum of ½ xᵀH x + gᵀx within bounds, from a cold start, so that equal measurements give equal steps."""
@@ -129,10 +143,22 @@ class StepAdjuster:
             cost = sparse.csc_matrix((entries, (_UPPER[0][_ORDER], _UPPER[1][_ORDER])), shape=(NUM, NUM))
             self._solver = osqp.OSQP()
             self._solver.setup(
-                P=cost, q=g, A=sparse.eye(NUM, format="csc"), l=lower, u=upper, verbose=False, eps_abs=1e-6, eps_rel=1e-6,
-                max_iter=4000, polishing=False, adaptive_rho=False, rho=0.03, warm_starting=False, check_termination=10,
+                P=cost,
+                q=g,
+                A=sparse.eye(NUM, format="csc"),
+                l=lower,
+                u=upper,
+                verbose=False,
+                eps_abs=1e-6,
+                eps_rel=1e-6,
+                max_iter=4000,
+                polishing=False,
+                adaptive_rho=False,
+                rho=0.03,
+                warm_starting=False,
+                check_termination=10,
                 scaling=0,
-            )  # fmt: skip
+            )
         else:
             self._solver.update(q=g, Px=entries, l=lower, u=upper)
         result = self._solver.solve(raise_error=False)

@@ -1,8 +1,8 @@
 """How the arms hold the load level while the trunk leans.
 
-Palms stick to the object, so both move as one chain: four joints of each arm, and the object's height, distance and pitch.
-With the wrists locked one degree of freedom is left, and it turns the object about the hands' axis: the forearms stay level
-while the trunk leans, and the load rises clear of the thighs.
+Palms stick to the object, so both move as one chain: four joints of each arm, and the object's height, distance and
+pitch. With the wrists locked one degree of freedom is left, and it turns the object about the hands' axis: the forearms
+stay level while the trunk leans, and the load rises clear of the thighs.
 """
 
 from __future__ import annotations
@@ -56,7 +56,9 @@ def _trunk(wrist_pos: tuple[float, ...]) -> mujoco.MjModel:
 
 
 def level_arms(state: CarryState) -> ArmTable:
-    """Arm angles by lean, from the grasp of a carry state. Raises `CarryInfeasible` where the palms would leave the object."""
+    """Arm angles by lean, from the grasp of a carry state. Raises `CarryInfeasible` where the palms would leave the
+    object.
+    """
     from scipy.optimize import least_squares
 
     model = _trunk(tuple(np.round(state.wrist_pos, 9)))

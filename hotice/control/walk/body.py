@@ -34,8 +34,9 @@ class BodySpheres:
     @property
     def half_width_m(self) -> float:
         """Largest extent to a side [m]."""
-        return float(max(np.abs(self.robot[:, 1] + np.sign(self.robot[:, 1]) * self.radius).max(),
-                         np.abs(self.load[:, 1]).max()))  # fmt: skip
+        return float(
+            max(np.abs(self.robot[:, 1] + np.sign(self.robot[:, 1]) * self.radius).max(), np.abs(self.load[:, 1]).max())
+        )
 
     @property
     def height_m(self) -> float:

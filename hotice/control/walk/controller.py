@@ -1,9 +1,9 @@
 """The walking controller: plan in, joint torques out.
 
-At each landing the plan of the remaining footsteps becomes a DCM reference that starts from the feet as they stand. While a
-foot swings, step adjustment chooses zero-moment point, foothold and time of landing for the measured DCM; while both feet
-stand, the zero-moment point follows the reference with DCM feedback. A whole-body QP realises the resulting acceleration of
-the centre of mass, the swing foot, the pelvis and the grasp.
+At each landing the plan of the remaining footsteps becomes a DCM reference that starts from the feet as they stand.
+While a foot swings, step adjustment chooses zero-moment point, foothold and time of landing for the measured DCM; while
+both feet stand, the zero-moment point follows the reference with DCM feedback. A whole-body QP realises the resulting
+acceleration of the centre of mass, the swing foot, the pelvis and the grasp.
 """
 
 from __future__ import annotations
@@ -41,9 +41,15 @@ class WalkController:
     """
 
     def __init__(
-        self, plan: WalkPlan, state: CarryState, config: WalkConfig | None = None, *, adjust: AdjustConfig | None = None,
-        qp: QpConfig | None = None, rate_hz: float = 200.0,
-    ) -> None:  # fmt: skip
+        self,
+        plan: WalkPlan,
+        state: CarryState,
+        config: WalkConfig | None = None,
+        *,
+        adjust: AdjustConfig | None = None,
+        qp: QpConfig | None = None,
+        rate_hz: float = 200.0,
+    ) -> None:
         self.plan, self.state, self.config, self.rate_hz = plan, state, config or WalkConfig(), rate_hz
         self.qp = WholeBodyQp(state.wrist_pos, qp or QpConfig(limit_horizon_s=0.05, hand_weight=0.5, force_weight=2e-5))
         self.adjuster = StepAdjuster(adjust or AdjustConfig())
@@ -73,10 +79,18 @@ class WalkController:
         omega = float(np.sqrt(GRAVITY / com[2]))
         height, lean = float(measurement.p_WP[2]), _lean(measurement.quat_WP)
         memory = WalkMemory(
-            phase=SHIFT, since_s=measurement.time_s, last_s=measurement.time_s, step=0, feet=feet, zmp=com[:2].copy(),
-            omega=omega, reference=DcmReference.through(np.zeros(1), com[None, :2], omega), height_m=height, lean_rad=lean,
+            phase=SHIFT,
+            since_s=measurement.time_s,
+            last_s=measurement.time_s,
+            step=0,
+            feet=feet,
+            zmp=com[:2].copy(),
+            omega=omega,
+            reference=DcmReference.through(np.zeros(1), com[None, :2], omega),
+            height_m=height,
+            lean_rad=lean,
             qp=self.qp.start(measurement),
-        )  # fmt: skip
+        )
         self._refer(memory, measurement.time_s, self.config.shift_s)
         return memory
 
@@ -175,11 +189,18 @@ class WalkController:
             target = m.landing if freeze else step.xy
             ahead = self._middle(np.array([*target, step.yaw])) - target
             found = self.adjuster.solve(
-                dcm, self._middle(stance), float(stance[2]), target + ahead, offset,
-                max(left if freeze else planned, 1e-3), m.omega, SIDE[step.foot],
+                dcm,
+                self._middle(stance),
+                float(stance[2]),
+                target + ahead,
+                offset,
+                max(left if freeze else planned, 1e-3),
+                m.omega,
+                SIDE[step.foot],
                 shift_s=(-min(step.hurry_s(cfg), max(planned - cfg.freeze_s, 0.0)), cfg.wait_s),
-                slack_m=step.slack_m, freeze=freeze,
-            )  # fmt: skip
+                slack_m=step.slack_m,
+                freeze=freeze,
+            )
             if not freeze:
                 m.landing, m.lands_s = found.foothold - ahead, t + max(found.remaining_s, cfg.freeze_s)
             m.zmp = found.zmp

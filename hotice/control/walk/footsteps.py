@@ -41,7 +41,8 @@ class Footstep:
     Attributes:
         foot: 0 left, 1 right. x, y: of the ankle [m]. yaw: [rad]. station: of the way [m].
         span_s: single support before the landing. time_s: of the landing since the start.
-        swing: over what lies between. slack_m: how far back, ahead and away from the other foot the foothold may be moved.
+        swing: over what lies between. slack_m: how far back, ahead and away from the other foot the foothold may be
+            moved.
     """
 
     foot: int
@@ -115,8 +116,8 @@ def _chain(
 ) -> list[tuple[int, int]] | None:
     """Cheapest alternating chain (foot, index) to the last station, without the closing step; None where there is none.
 
-    best[foot, k, g]: of chains whose last step, of that foot, gained g stations and landed on station k. A step is priced by
-    its gain and by what its foot travels, the gain of the step before included.
+    best[foot, k, g]: of chains whose last step, of that foot, gained g stations and landed on station k. A step is
+    priced by its gain and by what its foot travels, the gain of the step before included.
     """
     count, usual = len(free[LEFT]), config.step_length_m
     reach = min(int(np.floor(config.longest_step_m / spacing + 1e-9)), count - 1)
@@ -153,7 +154,8 @@ def _chain(
 def plan_swing(ground: Ground, start: Array, end: Array, yaw: float, config: WalkConfig) -> tuple[SwingShape, float]:
     """The quickest swing whose sole passes over everything between two footholds, and its time [s].
 
-    What is below the sole is compared along the whole swing; where no shape of the table passes, the most cautious is taken.
+    What is below the sole is compared along the whole swing; where no shape of the table passes, the most cautious is
+    taken.
     """
     distance = float(np.linalg.norm(end - start))
     share = np.linspace(0.0, 1.0, 41)

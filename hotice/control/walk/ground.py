@@ -14,7 +14,7 @@ HIGHEST_M = 0.30
 LEVELS_M = np.arange(0.01, HIGHEST_M + 1e-9, 0.01)
 _OUTLINE = np.stack(
     np.meshgrid(np.linspace(-SOLE_BACK_M, SOLE_FRONT_M, 9), np.array([-1.0, 0.0, 1.0]) * SOLE_HALF_WIDTH_M), axis=-1
-).reshape(-1, 2)  # fmt: skip
+).reshape(-1, 2)
 
 
 class Ground:
@@ -40,8 +40,10 @@ class Ground:
         x = xy[:, :1] + c * _OUTLINE[:, 0] - s * _OUTLINE[:, 1]
         y = xy[:, 1:] + s * _OUTLINE[:, 0] + c * _OUTLINE[:, 1]
         shape = (len(LEVELS_M), *x.shape)
-        p = np.stack([np.broadcast_to(x, shape), np.broadcast_to(y, shape),
-                      np.broadcast_to(LEVELS_M[:, None, None], shape)], axis=-1)  # fmt: skip
+        p = np.stack(
+            [np.broadcast_to(x, shape), np.broadcast_to(y, shape), np.broadcast_to(LEVELS_M[:, None, None], shape)],
+            axis=-1,
+        )
         free = (self.scene.signed_distance(p.reshape(-1, 3)).reshape(shape) >= self.margin_m).all(axis=2)
         blocked = np.logical_not(free)
         highest = np.where(blocked.any(axis=0), len(LEVELS_M) - np.argmax(blocked[::-1], axis=0), 0)

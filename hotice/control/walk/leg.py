@@ -23,7 +23,8 @@ def toe_down(p_WP: Array, R_WP: Array, side: float, pose: Array) -> tuple[float,
     A foot that is lifted far behind the hip would bend its ankle beyond its range if it stayed level.
 
     Args:
-        p_WP: (3,) pelvis [m], R_WP its orientation. side: +1 left, -1 right. pose: (4,) x, y, z [m], yaw [rad] of a level foot.
+        p_WP: (3,) pelvis [m], R_WP its orientation. side: +1 left, -1 right. pose: (4,) x, y, z [m], yaw [rad] of a
+            level foot.
     """
     hip = p_WP + R_WP @ np.array([0.0, side * HIP_ASIDE_M, -HIP_BELOW_M])
     ahead = np.cos(pose[3]) * (pose[0] - hip[0]) + np.sin(pose[3]) * (pose[1] - hip[1])

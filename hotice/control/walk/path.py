@@ -1,8 +1,9 @@
 """The way of the body: a streamline of the guidance field, drawn aside until body and load fit.
 
 The Standard Guidance Field at pelvis height gives the route. It knows a point, not a body that carries a box, so the
-streamline is relaxed as an elastic band: each of its nodes is pushed sideways by the spheres of the body (signed distance of
-the Standard Guidance Field) and the points of the load (of the Object-Centric one, which keeps its margin) that come too near.
+streamline is relaxed as an elastic band: each of its nodes is pushed sideways by the spheres of the body (signed
+distance of the Standard Guidance Field) and the points of the load (of the Object-Centric one, which keeps its margin)
+that come too near.
 """
 
 from __future__ import annotations

@@ -30,13 +30,18 @@ class WalkPlan:
 
 
 def plan_walk(
-    pf: HodPf, state: CarryState, start: tuple[float, float, float], config: WalkConfig | None = None, *,
+    pf: HodPf,
+    state: CarryState,
+    start: tuple[float, float, float],
+    config: WalkConfig | None = None,
+    *,
     first_foot: int = LEFT,
-) -> WalkPlan:  # fmt: skip
+) -> WalkPlan:
     """Plans a walk to the scene's goal.
 
     Args:
-        pf: fields of the scene. state: what is carried and how. start: middle between the ankles, x, y [m], heading [rad].
+        pf: fields of the scene. state: what is carried and how. start: middle between the ankles, x, y [m], heading
+            [rad].
         first_foot: which foot steps first, 0 left, 1 right.
 
     Raises `UnreachableGoal` where no footholds lead to the goal.

@@ -1,8 +1,8 @@
 """How high the pelvis is and how far the trunk leans along the way: as upright as what hangs overhead allows.
 
-A table of postures from upright to crouched; at each station of the way the most upright one whose head, trunk and load keep
-their clearance, robot by the Standard Guidance Field's signed distance, load by the Object-Centric one's, which keeps its
-margin besides. The profile then changes no faster along the way than the gait can follow.
+A table of postures from upright to crouched; at each station of the way the most upright one whose head, trunk and load
+keep their clearance, robot by the Standard Guidance Field's signed distance, load by the Object-Centric one's, which
+keeps its margin besides. The profile then changes no faster along the way than the gait can follow.
 """
 
 from __future__ import annotations
@@ -75,10 +75,12 @@ def postures(state: CarryState, arms: ArmTable, config: WalkConfig) -> list[Walk
             continue
         place, pitch = arms.object_at(lean)
         held = replace(
-            goal, wrist_pos=state.wrist_pos, joint_pos=np.concatenate([goal.joint_pos[g1.LOWER], arms.at(lean)]),
+            goal,
+            wrist_pos=state.wrist_pos,
+            joint_pos=np.concatenate([goal.joint_pos[g1.LOWER], arms.at(lean)]),
             object_pos_W=goal.root_pos_W + quat_to_mat(goal.quat_WP) @ place,
             quat_WO=quat_from_axis_angle([0.0, 1.0, 0.0], np.asarray(lean + pitch)),
-        )  # fmt: skip
+        )
         table.append(WalkPosture(float(height), lean, body_spheres(held)))
     return table
 
@@ -91,9 +93,8 @@ def plan_profile(pf: HodPf, path: WalkPath, table: list[WalkPosture], config: Wa
         height = np.full(len(station), table[0].height_m)
         return PostureProfile(station, height, np.full(len(station), table[0].lean_rad), np.inf)
     xy, yaw = path.at(station)
-    clearance = np.stack(
-        [_overhead(overhead, pf.margin_m - config.head_margin_m, xy, yaw, p.body) for p in table]
-    )  # (postures, stations)
+    # (postures, stations)
+    clearance = np.stack([_overhead(overhead, pf.margin_m - config.head_margin_m, xy, yaw, p.body) for p in table])
     ahead, behind = (round(d / (station[1] - station[0])) for d in (AHEAD_M, BEHIND_M))
     padded = np.pad(clearance, ((0, 0), (behind, ahead)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, ahead + behind + 1, axis=1)
@@ -109,7 +110,9 @@ def plan_profile(pf: HodPf, path: WalkPath, table: list[WalkPosture], config: Wa
 
 
 def _overhead(overhead: list[Obstacle], margin_m: float, xy: Array, yaw: Array, body: BodySpheres) -> Array:
-    """Least clearance of body and load at each station to what hangs overhead, (S,) [m]; the load's beyond its margin."""
+    """Least clearance of body and load at each station to what hangs overhead, (S,) [m]; the load's beyond its
+    margin.
+    """
     least = np.full(len(xy), np.inf)
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     for points, radius, margin in ((body.robot, body.radius, 0.0), (body.load, 0.0, margin_m)):

@@ -1,7 +1,7 @@
 """Path of the swing foot: up, across, down, over what lies between.
 
-Minimum-jerk pieces; the landing may move while the foot is in the air, so the horizontal part is planned anew from where
-the reference is.
+Minimum-jerk pieces; the landing may move while the foot is in the air, so the horizontal part is planned anew from
+where the reference is.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ Array = NDArray[np.float64]
 
 
 def minimum_jerk(t: float, span: float, start: Array, speed: Array, accel: Array, end: Array) -> tuple[Array, ...]:
-    """Quintic from (start, speed, accel) at 0 to rest at `end` after `span` [s]: position, velocity, acceleration at t."""
+    """Quintic from (start, speed, accel) at 0 to rest at `end` after `span` [s]: position, velocity, acceleration at
+    t.
+    """
     start, speed, accel, end = (np.asarray(v, dtype=float) for v in (start, speed, accel, end))
     if t >= span:
         return end, np.zeros_like(end), np.zeros_like(end)
@@ -35,7 +37,8 @@ def minimum_jerk(t: float, span: float, start: Array, speed: Array, accel: Array
 
 @dataclass(frozen=True, kw_only=True)
 class SwingShape:
-    """Timing of a swing as fractions of its time: feet lift until `rise`, travel from `leave` to `arrive`, sink from `fall`.
+    """Timing of a swing as fractions of its time: feet lift until `rise`, travel from `leave` to `arrive`, sink from
+    `fall`.
 
     apex_m: height of the sole over the floor at the top [m].
     """

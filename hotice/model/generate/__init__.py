@@ -15,17 +15,31 @@ if TYPE_CHECKING:
     from hotice.model.generate.traversable import Traversal, check_traversable, require_traversable
 
 _FAMILIES = (
-    "FAMILIES", "Generated", "Rejected", "family_from_text", "family_scenes", "generate", "generate_from_text",
-)  # fmt: skip
+    "FAMILIES",
+    "Generated",
+    "Rejected",
+    "family_from_text",
+    "family_scenes",
+    "generate",
+    "generate_from_text",
+)
 _LAZY = {
     **dict.fromkeys(_FAMILIES, "families"),
     **dict.fromkeys(("Traversal", "check_traversable", "require_traversable"), "traversable"),
 }
 
 __all__ = [
-    "FAMILIES", "Generated", "Rejected", "Traversal", "check_traversable", "family_from_text", "family_scenes",
-    "generate", "generate_from_text", "require_traversable",
-]  # fmt: skip
+    "FAMILIES",
+    "Generated",
+    "Rejected",
+    "Traversal",
+    "check_traversable",
+    "family_from_text",
+    "family_scenes",
+    "generate",
+    "generate_from_text",
+    "require_traversable",
+]
 
 
 def __getattr__(name: str) -> Any:

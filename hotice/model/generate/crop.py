@@ -107,9 +107,13 @@ def propose_ways(clearance: ClearanceMap, rng: np.random.Generator, count: int =
 
 
 def crop(
-    name: str, obstacles: Iterable[Obstacle], start: ArrayLike, goal: ArrayLike, size_m: tuple[float, float, float],
+    name: str,
+    obstacles: Iterable[Obstacle],
+    start: ArrayLike,
+    goal: ArrayLike,
+    size_m: tuple[float, float, float],
     source: MapSource | None = None,
-) -> Scene:  # fmt: skip
+) -> Scene:
     """The scene of `size_m` (along the way, across, up) [m], centred on the way; obstacles that reach into it are kept.
 
     Args:

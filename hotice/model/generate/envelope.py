@@ -1,8 +1,8 @@
 """The room a G1 takes up while it carries: boxes in its heading frame, for each of a few postures.
 
-The boxes hold the collision geometry of `g1.xml` in the carry states of `solve_carry` (boxes of 20 to 40 cm, pelvis 0.79
-to 0.44 m high, leaning up to 0.3 rad below 0.56 m) to about 2 cm. Frame: x ahead, y left, z up, origin on the floor below the
-pelvis. All numbers are ours:
+The boxes hold the collision geometry of `g1.xml` in the carry states of `solve_carry` (boxes of 20 to 40 cm, pelvis
+0.79 to 0.44 m high, leaning up to 0.3 rad below 0.56 m) to about 2 cm. Frame: x ahead, y left, z up, origin on the
+floor below the pelvis. All numbers are ours:
 
 | Part  | x [m]                  | y [m]              | z [m], h = pelvis height, c = height of the load's centre     |
 |-------|------------------------|--------------------|---------------------------------------------------------------|
@@ -14,8 +14,8 @@ pelvis. All numbers are ours:
 | hands | 0 .. load's centre + 0.08 | ± (w + 0.065)   | c - 0.06 .. c + 0.06                                          |
 | load  | 0.094 .. + its length  | ± w                | c ± half its height, c = h + 0.10, raised or lowered by 15 cm |
 
-The knees end at x = 0.36 m. Leaning moves the front of the trunk by 10 cm, of the arms by 5 cm and the load by 6 cm. Neglected:
-the feet of a crouching robot stand 4 cm further ahead, and its shins slope ahead below 20 cm.
+The knees end at x = 0.36 m. Leaning moves the front of the trunk by 10 cm, of the arms by 5 cm and the load by 6 cm.
+Neglected: the feet of a crouching robot stand 4 cm further ahead, and its shins slope ahead below 20 cm.
 """
 
 from __future__ import annotations

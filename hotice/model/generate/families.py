@@ -2,8 +2,8 @@
 
 Sizes that decide the difficulty follow from the difficulty alone; where things stand is drawn from a generator seeded
 with (seed, family, index). Proportions fit a G1 (1.32 m tall, shoulders 0.45 m wide) with a box of up to 0.4 m ahead of
-it. Scenes of `typical` and `random` are kept only when a robot with its load gets through; a draw that fails is reported
-and drawn again.
+it. Scenes of `typical` and `random` are kept only when a robot with its load gets through; a draw that fails is
+reported and drawn again.
 """
 
 from __future__ import annotations

@@ -111,8 +111,13 @@ def _hanging(difficulty: float, x: float, rng: np.random.Generator) -> Obstacles
 
 
 SINGLE: dict[str, Family] = {
-    "pipe": _pipe, "step": _step, "gap": _gap, "table_edge": _table_edge, "beam": _beam, "hanging": _hanging,
-}  # fmt: skip
+    "pipe": _pipe,
+    "step": _step,
+    "gap": _gap,
+    "table_edge": _table_edge,
+    "beam": _beam,
+    "hanging": _hanging,
+}
 """Families of one obstacle (or pair) at a given place along x; `combo` joins two of them."""
 
 

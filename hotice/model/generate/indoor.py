@@ -1,8 +1,8 @@
 """Furnished rooms, cropped round a start and a goal whose way passes furniture and can be walked with a load.
 
-Scene `number` depends on that number and its difficulty only. The room's type is dealt in turn; difficulty sets how much
-the room holds and, among the ways that fit it, how crowded the chosen one is. A room or way that fails is counted with
-its reason and the next one is drawn from the same stream.
+Scene `number` depends on that number and its difficulty only. The room's type is dealt in turn; difficulty sets how
+much the room holds and, among the ways that fit it, how crowded the chosen one is. A room or way that fails is counted
+with its reason and the next one is drawn from the same stream.
 """
 
 from __future__ import annotations

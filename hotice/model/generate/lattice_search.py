@@ -14,9 +14,23 @@ from hotice.compiled import compiled
 from hotice.model.generate.envelope import CORE, FEET, POSTURES, SHINS, Envelope
 
 HEADINGS = (
-    (1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
-    (-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1),
-)  # fmt: skip
+    (1, 0),
+    (2, 1),
+    (1, 1),
+    (1, 2),
+    (0, 1),
+    (-1, 2),
+    (-1, 1),
+    (-2, 1),
+    (-1, 0),
+    (-2, -1),
+    (-1, -1),
+    (-1, -2),
+    (0, -1),
+    (1, -2),
+    (1, -1),
+    (2, -1),
+)
 """Directions on the grid, counter-clockwise: the headings, and the moves from place to place."""
 STRIDE_M = 0.52
 ROOMY_M, CAP_M = 0.10, 0.20
@@ -102,10 +116,19 @@ def search(
     """
     h = grid.resolution_m
     room = _Room(
-        grid.distance, (grid.first - grid.origin[:2]) / h, h, np.cos(_ANGLES), np.sin(_ANGLES),
-        envelope.centre, envelope.radius, envelope.first, envelope.ball, envelope.posture_blocks,
-        np.full((*grid.size, len(HEADINGS), len(envelope.ball)), np.nan), margin_m,
-    )  # fmt: skip
+        grid.distance,
+        (grid.first - grid.origin[:2]) / h,
+        h,
+        np.cos(_ANGLES),
+        np.sin(_ANGLES),
+        envelope.centre,
+        envelope.radius,
+        envelope.first,
+        envelope.ball,
+        envelope.posture_blocks,
+        np.full((*grid.size, len(HEADINGS), len(envelope.ball)), np.nan),
+        margin_m,
+    )
     here, there = grid.cells(np.array(start[:2])), grid.cells(np.array(goal))
     i, j = np.rint(here).astype(int).tolist()
     heading = int(np.argmax(np.cos(_ANGLES - start[2])))
@@ -130,7 +153,9 @@ def search(
 
 
 def _fill_strides(node: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Adds the places amid strides, (n, 3) -> (m, 3): a move by several steps along the heading becomes single steps."""
+    """Adds the places amid strides, (n, 3) -> (m, 3): a move by several steps along the heading becomes single
+    steps.
+    """
     filled = [node[:1]]
     for a, b in zip(node[:-1], node[1:], strict=True):
         along, move = _MOVES[a[2]], b[:2] - a[:2]
@@ -196,7 +221,9 @@ def _inside(room, i, j):
 
 @compiled
 def _core_distance(room, core, moves, goal, radius):
-    """Way to within `radius` of the goal for what all postures share, (nx, ny) [m]: a lower bound; inf without a way."""
+    """Way to within `radius` of the goal for what all postures share, (nx, ny) [m]: a lower bound; inf without a
+    way.
+    """
     nx, ny = room.known.shape[:2]
     closed = np.ones((nx, ny), dtype=np.bool_)
     length = np.full((nx, ny), np.inf)
@@ -308,7 +335,9 @@ def _search(room, effort, moves, start, rest):
 
 @compiled
 def _postures(room, effort, changes, node, stands):
-    """The cheapest free postures along a path, (n,), changed by single free steps, not amid strides; -1 where none is."""
+    """The cheapest free postures along a path, (n,), changed by single free steps, not amid strides; -1 where none
+    is.
+    """
     count, postures = len(node), len(effort)
     cost = np.full((count, postures), np.inf)
     parent = np.full((count, postures), -1)

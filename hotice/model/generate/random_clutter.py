@@ -110,8 +110,11 @@ def _ground(difficulty: float, rng: np.random.Generator) -> Obstacles:
     first = float(rng.uniform(NEAREST_M + 0.15, FARTHEST_M - 0.15 - FOOTING_M * (number - 1))) if number else 0.0
     return [
         ground_bar(
-            f"bar_{i + 1}", first + i * FOOTING_M, float(rng.uniform(0.04, 0.12)),
-            grade(difficulty, 0.02, 0.10) * float(rng.uniform(0.7, 1.0)), float(rng.uniform(-0.1, 0.1)),
+            f"bar_{i + 1}",
+            first + i * FOOTING_M,
+            float(rng.uniform(0.04, 0.12)),
+            grade(difficulty, 0.02, 0.10) * float(rng.uniform(0.7, 1.0)),
+            float(rng.uniform(-0.1, 0.1)),
         )
         for i in range(number)
-    ]  # fmt: skip
+    ]

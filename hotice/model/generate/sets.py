@@ -1,8 +1,8 @@
 """What the benchmark sets are made of: `bench20`, `train75` and `unseen50`.
 
 The shipped files are the sets, fixed for good; this module says how they were drawn (by `tools/make_sets.py`) and draws
-them again. A scene's numbers come from (set, family, its place in the set), so no two sets share a draw. Every scene can
-be traversed with a 40 cm box, on a way short enough for 5 s.
+them again. A scene's numbers come from (set, family, its place in the set), so no two sets share a draw. Every scene
+can be traversed with a 40 cm box, on a way short enough for 5 s.
 """
 
 from __future__ import annotations
@@ -44,20 +44,49 @@ def _graded(easy: float, hard: float, **counts: int) -> tuple[Entry, ...]:
 
 SETS: dict[str, tuple[Entry, ...]] = {
     "bench20": (
-        *_graded(0.35, 0.8, side_gap=2, table=2), *_graded(0.5, 0.5, slalom=1),
-        *_graded(0.25, 0.7, beam_across=3), *_graded(0.4, 0.8, lamps=2),
-        *_graded(0.2, 0.55, one_pipe=2), *_graded(0.4, 0.4, one_step=1), *_graded(0.2, 0.2, two_pipes=1, two_steps=1),
-        *_graded(0.2, 0.8, combination=3), *_graded(0.5, 0.5, gauntlet=1, random=1),
+        *_graded(0.35, 0.8, side_gap=2, table=2),
+        *_graded(0.5, 0.5, slalom=1),
+        *_graded(0.25, 0.7, beam_across=3),
+        *_graded(0.4, 0.8, lamps=2),
+        *_graded(0.2, 0.55, one_pipe=2),
+        *_graded(0.4, 0.4, one_step=1),
+        *_graded(0.2, 0.2, two_pipes=1, two_steps=1),
+        *_graded(0.2, 0.8, combination=3),
+        *_graded(0.5, 0.5, gauntlet=1, random=1),
     ),
     "train75": _graded(
-        0.0, 0.95, one_pipe=6, one_step=6, beam_across=8, side_gap=9, slalom=7, table=8, lamps=6, combination=6, random=4,
+        0.0,
+        0.95,
+        one_pipe=6,
+        one_step=6,
+        beam_across=8,
+        side_gap=9,
+        slalom=7,
+        table=8,
+        lamps=6,
+        combination=6,
+        random=4,
         indoor=15,
     ),
     "unseen50": _graded(
-        0.1, 0.85, one_pipe=2, one_step=2, beam_across=3, side_gap=3, slalom=2, table=3, lamps=2, combination=3, random=6,
-        two_pipes=2, two_steps=2, s_bend=5, gauntlet=5, indoor=10,
+        0.1,
+        0.85,
+        one_pipe=2,
+        one_step=2,
+        beam_across=3,
+        side_gap=3,
+        slalom=2,
+        table=3,
+        lamps=2,
+        combination=3,
+        random=6,
+        two_pipes=2,
+        two_steps=2,
+        s_bend=5,
+        gauntlet=5,
+        indoor=10,
     ),
-}  # fmt: skip
+}
 """Scenes of each set in order. `unseen50` holds kinds of scene that `train75` lacks."""
 
 

@@ -1,9 +1,9 @@
 """Typical obstacles of homes and workshops, graded from easy to hard, larger and more varied than `graded`.
 
 A family maps a difficulty in 0..1 and a generator to obstacles between start (0, 0) and goal (2, 0). What decides the
-difficulty follows the number alone; places, offsets and shapes are drawn. `families` keeps a draw only when a robot with
-its load gets through (`traversable`), and draws again otherwise. All numbers are ours; those of the paper's scenes are
-not published.
+difficulty follows the number alone; places, offsets and shapes are drawn. `families` keeps a draw only when a robot
+with its load gets through (`traversable`), and draws again otherwise. All numbers are ours; those of the paper's scenes
+are not published.
 """
 
 from __future__ import annotations
@@ -177,8 +177,10 @@ def combination(difficulty: float, rng: np.random.Generator) -> Obstacles:
     """Two different kinds out of ground, side and overhead, one behind the other or one above the other."""
     medium = 0.15 + 0.5 * difficulty
     kinds: dict[str, tuple[Typical, ...]] = {
-        "ground": (one_pipe, one_step), "side": (side_gap, table), "overhead": (beam_across, lamps),
-    }  # fmt: skip
+        "ground": (one_pipe, one_step),
+        "side": (side_gap, table),
+        "overhead": (beam_across, lamps),
+    }
     found: Obstacles = []
     for kind in rng.permutation(list(kinds))[:2]:
         make = kinds[kind][int(rng.integers(len(kinds[kind])))]
@@ -195,9 +197,19 @@ def gauntlet(difficulty: float, rng: np.random.Generator) -> Obstacles:
 
 
 TYPICAL: dict[str, Typical] = {
-    "one_pipe": one_pipe, "two_pipes": two_pipes, "one_step": one_step, "two_steps": two_steps,
-    "beam_across": beam_across, "side_gap": side_gap, "narrow_gap": narrow_gap, "slalom": slalom, "table": table,
-    "lamps": lamps, "s_bend": s_bend, "combination": combination, "gauntlet": gauntlet,
-}  # fmt: skip
+    "one_pipe": one_pipe,
+    "two_pipes": two_pipes,
+    "one_step": one_step,
+    "two_steps": two_steps,
+    "beam_across": beam_across,
+    "side_gap": side_gap,
+    "narrow_gap": narrow_gap,
+    "slalom": slalom,
+    "table": table,
+    "lamps": lamps,
+    "s_bend": s_bend,
+    "combination": combination,
+    "gauntlet": gauntlet,
+}
 LOADS_M = {"narrow_gap": (0.1, 0.1, 0.1)}
 """Half extents of the load with which a family is judged, where not the largest (20 cm each)."""

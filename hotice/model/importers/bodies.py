@@ -29,9 +29,9 @@ class Place:
 def rooms_and_solids(corners: Points, near: NDArray[np.bool_], places: Points) -> Place:
     """What triangles (F, 3, 3), z up, are to a robot that walks between `places` (2, 2), start and goal.
 
-    A body is taken whole, however far it reaches, when one of its triangles is `near` (F,); other triangles only if they are.
-    A closed body that both places stand in is a room, a surface, unless it is a block with things on its top and none inside.
-    Of rooms in one another, as the two sides of thick walls are, only the inner has the floor.
+    A body is taken whole, however far it reaches, when one of its triangles is `near` (F,); other triangles only if
+    they are. A closed body that both places stand in is a room, a surface, unless it is a block with things on its top
+    and none inside. Of rooms in one another, as the two sides of thick walls are, only the inner has the floor.
     """
     bodies, loose = closed_bodies(corners, near)
     solids, rooms = [], []

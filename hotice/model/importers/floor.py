@@ -1,8 +1,8 @@
 """The floor of a measured map: a plane by random sampling, refined by least squares.
 
-Map frame M: as the file has it, its z axis roughly up. The fit turns M by the smallest rotation that makes the floor level
-and lifts it to z = 0: p_W = R_WM (p_M - origin_M) - height e_z. So x and y of W are those of the map up to the tilt; the
-origin is that of the map, but where the map lies far from it (survey coordinates, altitude above the sea).
+Map frame M: as the file has it, its z axis roughly up. The fit turns M by the smallest rotation that makes the floor
+level and lifts it to z = 0: p_W = R_WM (p_M - origin_M) - height e_z. So x and y of W are those of the map up to the
+tilt; the origin is that of the map, but where the map lies far from it (survey coordinates, altitude above the sea).
 """
 
 from __future__ import annotations
@@ -79,8 +79,9 @@ class Floor:
 def fit_floor(p_M: Points, seed: int = 0, thin: Points | None = None) -> Floor:
     """The floor under a map's points (n, 3) [m].
 
-    The largest plane that is level within 20 degrees gives the direction; of all levels along it the floor is the lowest
-    large one (not the ceiling, not a table). Exact for points without noise. Raises `InvalidMap` where no level stands out.
+    The largest plane that is level within 20 degrees gives the direction; of all levels along it the floor is the
+    lowest large one (not the ceiling, not a table). Exact for points without noise. Raises `InvalidMap` where no level
+    stands out.
 
     Args:
         p_M: the points. seed: of the sampling. thin: the points thinned by `CELL_M`, where that is done already.

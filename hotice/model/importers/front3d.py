@@ -229,10 +229,13 @@ class _Loader:
         self.used[kind] += 1
         self.pieces.append(
             PlacedMesh(
-                name=f"{name}_{len(self.pieces) + 1}", kind=kind, corners=_z_up(corners),
-                position_m=tuple(_z_up(position).tolist()), quaternion_wxyz=(w, x, -z, y),
+                name=f"{name}_{len(self.pieces) + 1}",
+                kind=kind,
+                corners=_z_up(corners),
+                position_m=tuple(_z_up(position).tolist()),
+                quaternion_wxyz=(w, x, -z, y),
             )
-        )  # fmt: skip
+        )
 
     def _model(self, entry: Mapping[str, Any]) -> Points:
         """Triangles of a model in its own frame, y up; read once."""

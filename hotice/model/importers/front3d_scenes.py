@@ -135,9 +135,14 @@ def crop_house(solids: SolidHouse, name: str, start: ArrayLike, goal: ArrayLike,
 
 
 def front3d_scenes(
-    json_path: str | Path, models_folders: str | Path | Sequence[str | Path], folder: str | Path, *, count: int,
-    seed: int = 0, size_m: Size = LARGE_M,
-) -> Front3dScenes:  # fmt: skip
+    json_path: str | Path,
+    models_folders: str | Path | Sequence[str | Path],
+    folder: str | Path,
+    *,
+    count: int,
+    seed: int = 0,
+    size_m: Size = LARGE_M,
+) -> Front3dScenes:
     """Up to `count` scenes of a house, `front3d_<house>_<number>`, whose ways pass furniture and can be crossed.
 
     Args:
@@ -286,9 +291,13 @@ def import_front3d(config: Front3dConfig) -> int:
     console = Console(highlight=False)
     with console.status(f"importing {config.house}"), tempfile.TemporaryDirectory(prefix="hotice-import-") as folder:
         found = front3d_scenes(
-            config.house, config.models, folder,
-            count=config.count, seed=config.seed, size_m=config.size_m,
-        )  # fmt: skip
+            config.house,
+            config.models,
+            folder,
+            count=config.count,
+            seed=config.seed,
+            size_m=config.size_m,
+        )
         if found.scenes:
             make_folder(config.out)
         for scene in found.scenes:
@@ -303,6 +312,7 @@ def import_front3d(config: Front3dConfig) -> int:
         console.print(
             f"{100 * share:.0f} % of the furniture is missing: its models are not in {folders}; where the data set came in "
             "parts, give all of them (--models A B ...)",
-            markup=False, soft_wrap=True,
-        )  # fmt: skip
+            markup=False,
+            soft_wrap=True,
+        )
     return 0 if found.scenes else 1

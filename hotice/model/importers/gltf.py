@@ -1,7 +1,7 @@
 """Binary glTF 2.0 (GLB): the triangles of its default scene, with every node's transform.
 
-Extensions that change geometry are followed (quantization) or refused by name: a scene without the part that one of them
-holds would look complete.
+Extensions that change geometry are followed (quantization) or refused by name: a scene without the part that one of
+them holds would look complete.
 """
 
 from __future__ import annotations

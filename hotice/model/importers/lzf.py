@@ -27,8 +27,8 @@ def decompress(packed: bytes, size: int) -> bytes:
 def _decompress(packed, out):
     """Bytes written, or -1 when a run leaves `packed` or `out`.
 
-    A control byte below 32 precedes that many literal bytes and one more. Otherwise its upper 3 bits are a length (7: the
-    next byte is added) less 2, its lower 5 bits and the next byte the distance back less 1.
+    A control byte below 32 precedes that many literal bytes and one more. Otherwise its upper 3 bits are a length (7:
+    the next byte is added) less 2, its lower 5 bits and the next byte the distance back less 1.
     """
     i, o = 0, 0
     while i < len(packed):

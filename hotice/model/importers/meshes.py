@@ -1,7 +1,7 @@
 """Triangle meshes of whole places: read, turned z up, sampled, and split into bodies.
 
-A body that is closed can stay a mesh obstacle; everything else (open sheets, rooms with their floor) is sampled and treated
-like a cloud of points.
+A body that is closed can stay a mesh obstacle; everything else (open sheets, rooms with their floor) is sampled and
+treated like a cloud of points.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def read_triangles(content: bytes, suffix: str) -> NDArray[np.float64]:
 def sample_surface(corners: NDArray[np.float64], spacing_m: float, low: Points, high: Points) -> Points:
     """Points on triangles (F, 3, 3) within the box low .. high, none farther than `spacing_m` from the next, (n, 3).
 
-    Triangles are halved across their longest edge and dropped once outside the box, so that a floor of a kilometre costs
-    no more than its part in the box.
+    Triangles are halved across their longest edge and dropped once outside the box, so that a floor of a kilometre
+    costs no more than its part in the box.
     """
     done = []
     while len(corners):
@@ -66,7 +66,8 @@ def sample_surface(corners: NDArray[np.float64], spacing_m: float, low: Points, 
 def split_bodies(
     corners: NDArray[np.float64], max_faces: int = MAX_BODY_FACES
 ) -> tuple[list[Body], NDArray[np.float64]]:
-    """Closed bodies, each vertices (V, 3) and faces (F, 3) seen counter-clockwise from outside, and all other triangles.
+    """Closed bodies, each vertices (V, 3) and faces (F, 3) seen counter-clockwise from outside, and all other
+    triangles.
 
     Corners at the same place are one vertex. Bodies are taken from small to large while all together stay within
     `max_faces`.

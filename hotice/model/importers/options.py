@@ -22,7 +22,8 @@ class ImportOptions:
     goal: tuple[float, float]
     """x, y [m]."""
     frame: Literal["floor", "map"] = "floor"
-    """What start and goal refer to: the level frame that the scene gets, or the map's own (after unit, up axis and turn).
+    """What start and goal refer to: the level frame that the scene gets, or the map's own (after unit, up axis and
+    turn).
 
     Farther than 1 km from the map's origin only `map` is possible; the scene then has its origin at the start."""
     size_m: tuple[float, float, float] | None = None
@@ -32,7 +33,8 @@ class ImportOptions:
     up: Up = "auto"
     """The map's axis that points up; auto: y for GLB, else z, or -z for a cloud that is upside down."""
     turn_deg: tuple[float, float] = (0.0, 0.0)
-    """Roll and pitch [degrees]: the map is turned by them about its x, then its y axis; for sensors mounted at a slant."""
+    """Roll and pitch [degrees]: the map is turned by them about its x, then its y axis; for sensors mounted at a
+    slant."""
     scale: float = 1.0
     """Metres per unit of the file."""
     floor: Literal["fit", "given"] = "fit"

@@ -14,7 +14,8 @@ from hotice.model.importers.polygons import BadPolygon, fill, fill_flat
 
 _NAMES = ("vertex_indices", "vertex_index")
 Columns = dict[str, Any]
-"""Values of an element's properties, one a row: a number, or a list of numbers; lists of one length as an array (n, k)."""
+"""Values of an element's properties, one a row: a number, or a list of numbers; lists of one length as an array (n,
+k)."""
 
 
 def read_ply_mesh(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -99,7 +99,9 @@ def _turns(p: Points) -> Points:
 
 
 def _cut(corners: Points, number: int) -> Indices:
-    """Triangles (n - 2, 3) of one polygon (n, 3) by ears, the roundest first; those beside straight corners before all."""
+    """Triangles (n - 2, 3) of one polygon (n, 3) by ears, the roundest first; those beside straight corners before
+    all.
+    """
     if len(corners) > MAX_CORNERS:
         raise BadPolygon(number, f"has {len(corners):,} corners and is not convex: at most {MAX_CORNERS:,} are allowed")
     with np.errstate(invalid="ignore"):  # an even bow tie has no mean normal
@@ -171,7 +173,8 @@ def triangulated(faces: list, vertices: Points, normals: Points | None) -> tuple
         vertices: (V, 3). normals: (V, 3) unit normals of the vertices, if known.
 
     Raises:
-        ValueError: an index is no whole number or out of range, a flat list fits neither, or a polygon cannot be filled.
+        ValueError: an index is no whole number or out of range, a flat list fits neither, or a polygon cannot be
+            filled.
     """
     if faces and isinstance(faces[0], list):
         polygons = [_indices(face, len(vertices)) for face in faces]

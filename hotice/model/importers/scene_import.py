@@ -41,8 +41,8 @@ Points = NDArray[np.float64]
 MAX_MAP_BYTES = 2 * 2**30
 MAX_BOXES = 2000
 NEAR_M, STOREYS_M = 6.0, 50.0
-"""The floor is fitted to what lies within this distance of start and goal, and of the middle height there, so that ramps,
-other storeys and strays do not count."""
+"""The floor is fitted to what lies within this distance of start and goal, and of the middle height there, so that
+ramps, other storeys and strays do not count."""
 ALTITUDE_M = 10.0
 """A map whose points lie higher is turned about a place among them, not about its origin."""
 RESOLVED_M = 0.005
@@ -58,10 +58,13 @@ STANDING_M = 0.12
 """Room that a robot takes at the least, about its middle."""
 KEPT, FLOOR, NOISE = 0, 1, 2
 _UP = {
-    "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]], "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
-    "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
-    "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
-}  # fmt: skip
+    "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+    "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+}
 _folders: list[contextlib.ExitStack] = []  # meshes of scenes not saved yet, kept until the program ends
 
 
@@ -69,8 +72,8 @@ _folders: list[contextlib.ExitStack] = []  # meshes of scenes not saved yet, kep
 class Imported:
     """A scene and what it was made of.
 
-    `points_W` (n, 3) all points within the crop, `group` (n,) each KEPT, FLOOR or NOISE; `notes` what was found and left
-    out, by name; `floor` of the map, which was turned upside down before where `upside_down`.
+    `points_W` (n, 3) all points within the crop, `group` (n,) each KEPT, FLOOR or NOISE; `notes` what was found and
+    left out, by name; `floor` of the map, which was turned upside down before where `upside_down`.
     """
 
     scene: Scene
@@ -82,7 +85,8 @@ class Imported:
 
 
 def import_scene(path: str | Path, options: ImportOptions) -> Imported:
-    """A scene from a .pcd or .ply cloud, or an .obj, .stl, .off, .glb or .ply mesh; its `source` says how it lies in it.
+    """A scene from a .pcd or .ply cloud, or an .obj, .stl, .off, .glb or .ply mesh; its `source` says how it lies in
+    it.
 
     Raises `InputError`, `InvalidMap` or `InvalidScene`, each naming the file.
     """
@@ -102,9 +106,12 @@ def import_scene(path: str | Path, options: ImportOptions) -> Imported:
             imported = from_triangles(options.scale * corners @ R_MF.T, options, name)
         floor = imported.floor
         source = MapSource.of(
-            file=path.name, sha256=hashlib.sha256(content).hexdigest(), unit_m=options.scale,
-            R_WM=floor.R_WM @ (TURNED if imported.upside_down else np.eye(3)) @ R_MF, position_m=floor.position_m,
-        )  # fmt: skip
+            file=path.name,
+            sha256=hashlib.sha256(content).hexdigest(),
+            unit_m=options.scale,
+            R_WM=floor.R_WM @ (TURNED if imported.upside_down else np.eye(3)) @ R_MF,
+            position_m=floor.position_m,
+        )
         return replace(imported, scene=replace(imported.scene, source=source))
     except HoticeError as error:
         raise type(error)(f"{path}: {error}") from None
@@ -154,8 +161,8 @@ def from_points(p_M: Points, options: ImportOptions, name: str) -> Imported:
 def from_triangles(corners_M: NDArray[np.float64], options: ImportOptions, name: str) -> Imported:
     """A scene from triangles (F, 3, 3) in the map's frame [m], z roughly up. Raises `InvalidMap` or `InvalidScene`.
 
-    Closed bodies stay exact meshes, also where they reach beyond the crop; those with too many faces, or with the floor in
-    them, become boxes, inside as well. Of the rest, rooms included, the surface is sampled.
+    Closed bodies stay exact meshes, also where they reach beyond the crop; those with too many faces, or with the floor
+    in them, become boxes, inside as well. Of the rest, rooms included, the surface is sampled.
     """
     near = _near(corners_M.transpose(1, 0, 2), options)
     if not near.any():
@@ -290,13 +297,18 @@ def _bounds(low: Points, high: Points) -> tuple[tuple[float, float, float], tupl
 
 
 def _boxes(
-    p_W: Points, low: Points, high: Points, floor: Floor, options: ImportOptions, places: Sequence[tuple[float, float]],
+    p_W: Points,
+    low: Points,
+    high: Points,
+    floor: Floor,
+    options: ImportOptions,
+    places: Sequence[tuple[float, float]],
     bodies: Sequence[Body] | None = None,
-) -> tuple[list[Obstacle], NDArray[np.int8]]:  # fmt: skip
+) -> tuple[list[Obstacle], NDArray[np.int8]]:
     """Box obstacles of points (n, 3) in the crop, and the group of each point.
 
-    With `bodies` the points are samples of a surface, all of which count, and the bodies are solid inside. At `places`, start
-    and goal, the robot stands.
+    With `bodies` the points are samples of a surface, all of which count, and the bodies are solid inside. At `places`,
+    start and goal, the robot stands.
     """
     voxel_m = options.voxel_m
     band = min(max(MIN_BAND_M, 3.0 * floor.noise_m), MAX_BAND_M)

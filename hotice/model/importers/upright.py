@@ -1,6 +1,7 @@
 """Which way up a cloud is: a lidar that hangs upside down maps the floor above the ceiling.
 
-Things stand on a floor and rise from it; below it is nothing. Both ways up are fitted and compared by the cells that agree with
+Things stand on a floor and rise from it; below it is nothing. Both ways up are fitted and compared by the cells that
+agree with
 each: those that rise from its floor, but not from its ceiling as walls do, and those that lie under the other's floor.
 """
 
@@ -19,7 +20,8 @@ TURNED = np.diag([1.0, -1.0, -1.0])
 SAME_M = 0.15
 """Two floors this near are one, seen from both sides."""
 GAP_M, RISES_M, BEYOND_M = 0.1, 1.0, 2.5
-"""What stands on a floor begins this far above it, and is looked for up to so high; what lies under it, down to so deep."""
+"""What stands on a floor begins this far above it, and is looked for up to so high; what lies under it, down to so
+deep."""
 NEIGHBOURS = 4
 """A cell with fewer of its 26 neighbours holds a stray; in dense clouds so does one of few points."""
 CLEAR, FEWEST = 1.0 / 3.0, 60
@@ -31,8 +33,8 @@ SENSOR_M = (0.3, 3.0)
 def fit_upright(p_M: Points) -> tuple[bool, Floor]:
     """Whether points (n, 3) [m] are upside down, and their floor in the frame that stands upright (z or `TURNED`).
 
-    A map that tells nothing (a bare floor) is taken as it is. Raises `InvalidMap` where there is no floor, or where as much
-    speaks for one way up as for the other.
+    A map that tells nothing (a bare floor) is taken as it is. Raises `InvalidMap` where there is no floor, or where as
+    much speaks for one way up as for the other.
     """
     fits, thin = [], thinned(p_M, CELL_M)
     for turn in (np.eye(3), TURNED):
@@ -65,7 +67,9 @@ def fit_upright(p_M: Points) -> tuple[bool, Floor]:
 
 
 def _evidence(p_W: Points, ceiling_m: float) -> tuple[int, int]:
-    """Cells that speak for z and for -z, of points (n, 3) above the lowest large level; the highest is at `ceiling_m`."""
+    """Cells that speak for z and for -z, of points (n, 3) above the lowest large level; the highest is at
+    `ceiling_m`.
+    """
     low, high = 0.0, max(ceiling_m, 0.0)
     near = p_W[(p_W[:, 2] > low - BEYOND_M) & (p_W[:, 2] < high + BEYOND_M)]
     origin = near.min(axis=0)
@@ -89,7 +93,9 @@ def _evidence(p_W: Points, ceiling_m: float) -> tuple[int, int]:
 
 
 def _standing(solid: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """How many cells of each column (nx, ny, nz) rise from its first two layers with gaps of one, (nx, ny); at least two."""
+    """How many cells of each column (nx, ny, nz) rise from its first two layers with gaps of one, (nx, ny); at least
+    two.
+    """
     closed = solid.copy()
     closed[:, :, 1:-1] |= solid[:, :, :-2] & solid[:, :, 2:]
     closed[:, :, :1] |= solid[:, :, 1:2]

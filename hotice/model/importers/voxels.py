@@ -1,8 +1,9 @@
 """Occupied voxels of a point set, cleaned, and the boxes that cover them.
 
 Boxes, not a voxel surface mesh: a scene's distance to a box is a few operations and exact, the simulator collides with
-boxes natively (a mesh costs one prism per triangle, of which it allows 4,000), and a box in a file can be read and edited.
-Faces err outward: 2.6 to 3.2 cm on average at 4 cm voxels, for noise of 3 to 20 mm (`python -m benchmarks.importers`).
+boxes natively (a mesh costs one prism per triangle, of which it allows 4,000), and a box in a file can be read and
+edited. Faces err outward: 2.6 to 3.2 cm on average at 4 cm voxels, for noise of 3 to 20 mm (`python -m
+benchmarks.importers`).
 """
 
 from __future__ import annotations
@@ -60,9 +61,9 @@ def occupied(
 ) -> NDArray[np.bool_]:
     """Voxels that stand for something solid, (nx, ny, nz); with `min_points` 0 the density decides, 1 to 3.
 
-    Dropped are voxels of fewer than `min_points` points or in the fringe of a denser neighbour, and groups (touching by a
-    corner at least) of fewer than `min_voxels`. Added are gaps of up to two voxels, which nobody passes and which would
-    break surfaces into many boxes, and air that voxels and floor enclose: a scanned box is not hollow.
+    Dropped are voxels of fewer than `min_points` points or in the fringe of a denser neighbour, and groups (touching by
+    a corner at least) of fewer than `min_voxels`. Added are gaps of up to two voxels, which nobody passes and which
+    would break surfaces into many boxes, and air that voxels and floor enclose: a scanned box is not hollow.
     Other space that was not seen stays free: under a table one may reach.
 
     Args:
@@ -84,12 +85,15 @@ def occupied(
 
 
 def closed(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """`solid` with gaps of up to two voxels filled: space is free where a cube of three voxels fits between solid ones."""
+    """`solid` with gaps of up to two voxels filled: space is free where a cube of three voxels fits between solid
+    ones.
+    """
     return solid | np.asarray(ndimage.binary_closing(np.pad(solid, 2), _TOUCHING), dtype=bool)[2:-2, 2:-2, 2:-2]
 
 
 def enclosed(solid: NDArray[np.bool_], stood_in: Sequence[NDArray[np.bool_]] = ()) -> NDArray[np.bool_]:
-    """`solid` and the air in it that has no way out but holes of up to two voxels, the floor below layer 0 being closed.
+    """`solid` and the air in it that has no way out but holes of up to two voxels, the floor below layer 0 being
+    closed.
 
     Air that reaches into each of the `stood_in` masks is the room that the robot walks in, and stays.
     """
@@ -135,7 +139,8 @@ def cover_by_boxes(solid: NDArray[np.bool_]) -> NDArray[np.int64]:
 def column_extent(solid: NDArray[np.bool_], box: NDArray[np.int64]) -> tuple[int, int]:
     """First and, exclusive, last layer of what rises and hangs without a gap above and below a box.
 
-    By it a box is judged to be on the ground or overhead: a table's leg is not on the ground where one of its boxes ends.
+    By it a box is judged to be on the ground or overhead: a table's leg is not on the ground where one of its boxes
+    ends.
     """
     x0, y0, bottom, x1, y1, top = box
     layers = np.asarray(solid[x0:x1, y0:y1].any(axis=(0, 1)))
