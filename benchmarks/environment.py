@@ -17,11 +17,11 @@ from dataclasses import replace
 import mujoco
 
 from hotice.learn.policy import load_policy
-from hotice.learn.scene_sets import resolve_scenes
 from hotice.model import builder, g1
+from hotice.model.scene_sets import resolve_scenes
 from hotice.sim import TransportEnv
-from hotice.sim.config import TaskConfig
 from hotice.sim.threads import use_threads
+from hotice.task.config import TaskConfig
 
 KEPT = (
     "leg_scale_rad",

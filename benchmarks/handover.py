@@ -20,12 +20,12 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
 from hotice.errors import HoticeError
-from hotice.learn.trials import success_interval
+from hotice.evaluate.trials import success_interval
 from hotice.model.object_range import ObjectRange
 from hotice.model.objects import CarriedObject
 from hotice.systems import StationConfig, make_station, read_logs
-from hotice.systems.hand_over_report import HandOverReport, report_hand_over
-from hotice.systems.station import Station
+from hotice.systems.record.hand_over import HandOverReport, report_hand_over
+from hotice.systems.station.make import Station
 
 BEYOND_S, LIMIT_S = 3.0, 40.0
 

@@ -15,9 +15,10 @@ import argparse
 import sys
 from pathlib import Path
 
+from hotice.evaluate.spread import spread_ratio, success_table
+from hotice.evaluate.trials import read_trials
+
 from hotice.errors import HoticeError
-from hotice.learn.spread import spread_ratio, success_table
-from hotice.learn.trials import read_trials
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -40,11 +40,11 @@ def run(config: DemoConfig) -> None:
     import numpy as np
     from rich.console import Console
 
+    from hotice.evaluate.record import record_rollouts
+    from hotice.evaluate.run import EvaluateConfig, evaluate
     from hotice.fields import build_hod_pf
     from hotice.files import make_folder
-    from hotice.learn.evaluate import EvaluateConfig, evaluate
     from hotice.learn.policy import load_policy
-    from hotice.learn.record import record_rollouts
     from hotice.model import Box, load_scenes
     from hotice.model.carry import solve_carry
     from hotice.replay import write_html, write_overview

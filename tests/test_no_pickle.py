@@ -175,7 +175,7 @@ class Bomb:
 
 @pytest.mark.parametrize("suffix", [".onnx", ".json", ".yaml", ".npz", ""])
 def test_a_pickle_under_any_name_is_refused_and_not_run(suffix, tmp_path, monkeypatch, capfd):
-    from hotice.learn.__main__ import main
+    from hotice.commands.program import main
 
     monkeypatch.chdir(tmp_path)
     path = tmp_path / f"bomb{suffix}"

@@ -4,8 +4,8 @@ import urllib.request
 
 import numpy as np
 import pytest
+from hotice.commands.program import main
 
-from hotice.learn.__main__ import main
 from hotice.model import Scene
 
 CROP = ["--start", "0", "0", "--goal", "2", "0"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
-from hotice.control.terms import torque_limits
+from hotice.control.whole_body.terms import torque_limits
 from hotice.model import g1
 from hotice.model.joint_friction import set_friction_reference
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import UnreachableGoal
-from hotice.fields.geodesic import solve_geodesic
+from hotice.fields.geodesic.fast_marching import solve_geodesic
 from hotice.fields.grid import Grid
 from hotice.fields.solids import Space
 from hotice.model.scene import GOAL_HEIGHT_M, Scene

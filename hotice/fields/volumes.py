@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.compiled import compiled
-from hotice.fields.extension import extend
-from hotice.fields.geodesic import solve_geodesic
+from hotice.fields.geodesic.extension import extend
+from hotice.fields.geodesic.fast_marching import solve_geodesic
 from hotice.fields.grid import Grid
 from hotice.fields.solids import Space
 from hotice.model.scene import Scene

@@ -1,4 +1,4 @@
-"""A policy as a thing that acts on tensors: from a checkpoint, or from an ONNX file (`hotice.policies.policy_file`)."""
+"""A policy as a thing that acts on tensors: from a checkpoint, or from an ONNX file (`hotice.policy.policy_file`)."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from torch import Tensor
 
 from hotice.errors import CheckpointError, UnknownName
 from hotice.files import write_bytes
-from hotice.learn.average import averaged
-from hotice.learn.checkpoint import load_checkpoint
-from hotice.learn.health import check_weights
-from hotice.learn.lineage import total_steps
-from hotice.learn.networks import ActorCritic
-from hotice.learn.trained_on import TRAINED_ON, TrainedOn
-from hotice.policies import policy_file
-from hotice.policies.policy_file import (
+from hotice.learn.checkpoints.average import averaged
+from hotice.learn.checkpoints.checkpoint import load_checkpoint
+from hotice.learn.checkpoints.health import check_weights
+from hotice.learn.checkpoints.lineage import total_steps
+from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
+from hotice.learn.ppo.networks import ActorCritic
+from hotice.policy import policy_file
+from hotice.policy.policy_file import (
     ACTION,
     FORMAT,
     KEY,
@@ -30,8 +30,8 @@ from hotice.policies.policy_file import (
     content_hash,
     shipped_policies,
 )
-from hotice.policies.policy_task import PolicyTask
-from hotice.sim.config import get_preset
+from hotice.task.config import get_preset
+from hotice.task.policy_task import PolicyTask
 
 
 class Policy(Protocol):

@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING, Any
 
-from hotice.sim.config import PRESETS, TaskConfig
 from hotice.sim.env import Step, TransportEnv
+from hotice.task.config import PRESETS, TaskConfig
 
 if TYPE_CHECKING:
     from hotice.sim.vector_env import HoticeVectorEnv

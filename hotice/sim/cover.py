@@ -4,7 +4,7 @@ Two errors hide a penetration. Spheres leave dents between them, at most `DENT_M
 obstacles thinner than they are, most of all beside thin bars, because interpolation of a convex distance errs upwards.
 So spheres along edges reach the very edge, for which they stick out of both faces by 0.4 of their depth, and thin links
 get a `skin` as thick as that error; elsewhere the cover lies inside the geometry. `python -m benchmarks.collision`
-measures what is missed and what is invented. Evaluation scores exact geometry instead (`hotice.learn.evaluate`).
+measures what is missed and what is invented. Evaluation scores exact geometry instead (`hotice.evaluate.run`).
 """
 
 from __future__ import annotations

@@ -16,22 +16,22 @@ from torch import Tensor
 from hotice.errors import InvalidConfig
 from hotice.fields.bank import FieldBank
 from hotice.fields.clearance import Spheres
-from hotice.model import history
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim import cover
 from hotice.sim.carry_bank import CarryBank, pick
 from hotice.sim.commands import heading_error, navigation_command
-from hotice.sim.config import TaskConfig, get_preset
 from hotice.sim.events import Starter, push, turn_about_root
-from hotice.sim.memory import check_memory
 from hotice.sim.observations import PRIVILEGED, ObservationTable, policy_rows
 from hotice.sim.physics import make_physics
+from hotice.sim.ram import check_memory
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
 from hotice.sim.scan import scan_points
 from hotice.sim.sensing import KNOWN_ROWS, Sensors
 from hotice.sim.snapshot import LOOK_AHEAD_S, NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
 from hotice.sim.terminations import OUTCOMES, TERMINATIONS
+from hotice.task import history
+from hotice.task.config import TaskConfig, get_preset
 
 TOUCH_HEIGHT_M = 0.012
 CLEAR_M = 10.0

@@ -16,10 +16,11 @@ from torch import Tensor
 from hotice.errors import InvalidConfig
 from hotice.fields.alignment import encode
 from hotice.fields.bank import FieldSample
-from hotice.model import g1, history
+from hotice.model import g1
 from hotice.model.objects import OCTANTS
-from hotice.model.scan import BODY_POINTS, FOOT_POINTS, nearness
 from hotice.sim.snapshot import FOOT_ENDS, Snapshot
+from hotice.task import history
+from hotice.task.scan import BODY_POINTS, FOOT_POINTS, nearness
 
 Mirror = tuple[np.ndarray, np.ndarray]
 """index (D,), sign (D,): mirrored = sign * value[index]."""

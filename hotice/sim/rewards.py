@@ -14,8 +14,8 @@ from torch import Tensor
 
 from hotice.errors import InvalidConfig
 from hotice.sim import terms
-from hotice.sim.config import LOW, UP, Agent
 from hotice.sim.snapshot import Snapshot
+from hotice.task.config import LOW, UP, Agent
 
 L, U, S = (LOW,), (UP,), (LOW, UP)
 

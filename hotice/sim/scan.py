@@ -1,12 +1,12 @@
-"""Points of the local obstacle scan of N environments (see `hotice.model.scan`)."""
+"""Points of the local obstacle scan of N environments (see `hotice.task.scan`)."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from hotice.model import scan
 from hotice.sim.snapshot import FEET, Motion
+from hotice.task import scan
 
 _ORIGIN, _OFFSETS = torch.tensor(scan.ORIGIN), torch.tensor(scan.OFFSETS_M, dtype=torch.float32)
 

@@ -14,7 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from hotice.model.sensing import (
+from hotice.sim.encoder_error import turn_joints
+from hotice.sim.snapshot import Motion, Snapshot
+from hotice.task.sensing import (
     STUDENT_SENSING,
     TRACK_HEADING,
     TRACK_PLACE,
@@ -22,8 +24,6 @@ from hotice.model.sensing import (
     TRACK_VELOCITY,
     SensingConfig,
 )
-from hotice.sim.kinematics import turn_joints
-from hotice.sim.snapshot import Motion, Snapshot
 
 __all__ = ["KNOWN_ROWS", "STUDENT_SENSING", "Sensors", "SensingConfig"]
 
@@ -38,7 +38,7 @@ class Sensors:
 
     `guide(motion, ids)` gives the guidance part of a snapshot at a (measured) motion; `never_late` (O,) bool marks the
     columns of the observation that are known rather than measured; `moved`: which keypoints each joint moves
-    (`hotice.sim.kinematics`).
+    (`hotice.sim.encoder_error`).
     """
 
     def __init__(

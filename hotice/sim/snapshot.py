@@ -14,9 +14,10 @@ import torch
 from torch import Tensor
 
 from hotice.fields.bank import FieldSample
-from hotice.model import builder, g1, history
-from hotice.sim.kinematics import chains
+from hotice.model import builder, g1
+from hotice.sim.encoder_error import chains
 from hotice.sim.physics import Physics
+from hotice.task import history
 
 POINTS = g1.SGF_KEYPOINTS + g1.OGF_KEYPOINTS + g1.FOOT_ENDS
 NUM_SGF = len(g1.SGF_KEYPOINTS)
@@ -36,7 +37,7 @@ class Memory:
 
     action, last_action (N, 20); phase (N,) [rad] of the left leg's step clock; step (N,) control steps so far;
     scene (N,) and model (N,) ids; past (N, H) what the actors read in the steps before, frames of
-    `hotice.model.history`, the newest first; true_past (N, H) the same without noise and delay, which critics and
+    `hotice.task.history`, the newest first; true_past (N, H) the same without noise and delay, which critics and
     teachers read.
     """
 
@@ -140,7 +141,7 @@ class Snapshot(Motion):
     `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `clearance_ahead` (N,): the
     same of upper body and object together, where they will be after `LOOK_AHEAD_S` at the commanded velocity.
     `robot_hit` and `object_hit` (N,) bool: collisions, from the cover in training and from exact geometry in
-    evaluation. `scan` (N, 40): signed distances at the points of `hotice.model.scan` [m], or (N, 0) where the task has
+    evaluation. `scan` (N, 40): signed distances at the points of `hotice.task.scan` [m], or (N, 0) where the task has
     none. `past` (N, H): as in `Memory`.
     """
 

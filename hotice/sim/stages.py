@@ -1,7 +1,7 @@
 """What a curriculum may hold back at first: starts far from the goal, and large objects.
 
-Nothing here is random by itself or learns; `hotice.learn.curriculum.Stages` says how much is allowed. What the starts
-are is in `hotice.sim.starts`.
+Nothing here is random by itself or learns; `hotice.learn.train.curriculum.Stages` says how much is allowed. What the
+starts are is in `hotice.sim.starts`.
 """
 
 from __future__ import annotations

@@ -12,17 +12,17 @@ if find_spec("pydrake") is None:
     raise MissingExtra("hotice.systems", "Drake", "drake")
 
 if TYPE_CHECKING:
-    from hotice.systems.recording import read_logs, write_diagram, write_html
-    from hotice.systems.station import Station, make_station
-    from hotice.systems.station_config import StationConfig
+    from hotice.systems.record.rollout import read_logs, write_diagram, write_html
+    from hotice.systems.setup.config import StationConfig
+    from hotice.systems.station.make import Station, make_station
 
 _LAZY = {
-    "Station": "station",
-    "StationConfig": "station_config",
-    "make_station": "station",
-    "read_logs": "recording",
-    "write_diagram": "recording",
-    "write_html": "recording",
+    "Station": "station.make",
+    "StationConfig": "setup.config",
+    "make_station": "station.make",
+    "read_logs": "record.rollout",
+    "write_diagram": "record.rollout",
+    "write_html": "record.rollout",
 }
 
 __all__ = ["Station", "StationConfig", "make_station", "read_logs", "write_diagram", "write_html"]

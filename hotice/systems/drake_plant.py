@@ -39,7 +39,7 @@ from hotice.model import builder as models
 from hotice.model import g1, self_contact
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
-from hotice.systems.shapes import pose, primitive
+from hotice.systems.drake_shapes import pose, primitive
 from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, TOUCHING_BODIES
 
 Array = NDArray[np.float64]

@@ -8,10 +8,10 @@ from __future__ import annotations
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from hotice.fields.hod_pf import HodPf
-from hotice.policies.guidance import read_fields
-from hotice.policies.percept import Percept
-from hotice.policies.policy_task import PolicyTask
+from hotice.policy.guidance import read_fields
+from hotice.policy.percept import Percept
 from hotice.systems.signals import GUIDANCE, PERCEPT
+from hotice.task.policy_task import PolicyTask
 
 
 class GuidanceFieldSystem(LeafSystem):

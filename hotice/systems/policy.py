@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from hotice.model import history
 from hotice.model.carry import CarryState
-from hotice.policies import PolicySession, PolicyTask
-from hotice.policies.guidance import FieldReading
-from hotice.policies.observation import Carrying, layout_of, observe, remember
-from hotice.policies.percept import Percept
-from hotice.policies.policy_file import check_layout
+from hotice.policy import PolicySession, PolicyTask
+from hotice.policy.guidance import FieldReading
+from hotice.policy.observation import Carrying, layout_of, observe, remember
+from hotice.policy.percept import Percept
+from hotice.policy.policy_file import check_layout
 from hotice.systems.signals import GUIDANCE, NUM_JOINTS, PERCEPT
+from hotice.task import history
 
 Array = NDArray[np.float64]
 TARGET, MEMORY = range(2)
@@ -72,7 +72,7 @@ class PolicySystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
 
     def observation(self, context: Context) -> NDArray[np.float32]:
-        """What the policy would read now; rows as in `hotice.policies.observation.layout_of`."""
+        """What the policy would read now; rows as in `hotice.policy.observation.layout_of`."""
         return self._observe(context, context.get_discrete_state(MEMORY).value())
 
     def _observe(self, context: Context, memory: Array) -> NDArray[np.float32]:

@@ -16,9 +16,9 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from hotice.model.frames import quat_from_axis_angle, quat_to_mat
 from hotice.model.objects import CarriedObject
-from hotice.model.sensing import TRACK_HEADING, TRACK_PLACE, TRACK_TILT, TRACK_VELOCITY, SensingConfig
-from hotice.policies.percept import Percept, PerceptModel
+from hotice.policy.percept import Percept, PerceptModel
 from hotice.systems.signals import NQ, PERCEPT, ROBOT_STATE
+from hotice.task.sensing import TRACK_HEADING, TRACK_PLACE, TRACK_TILT, TRACK_VELOCITY, SensingConfig
 
 Array = NDArray[np.float64]
 DRAWS = 56

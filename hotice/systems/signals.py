@@ -8,7 +8,7 @@
 | qvel | 41 | v_WP [m/s] in W, w_WP [rad/s] in P, 29 joint velocities, v_WO in W, w_WO in O |
 
 `joint_target` and `torque` (20,): order `g1.ACTION_JOINTS`, [rad] and [N m].
-`percept` (119,) and `guidance` (122,): the vectors of `Percept` and `FieldReading` in `hotice.policies`.
+`percept` (119,) and `guidance` (122,): the vectors of `Percept` and `FieldReading` in `hotice.policy`.
 `contact_force` (12,): of the world and the object on left foot, right foot, left hand, right hand, in W [N].
 """
 
@@ -18,8 +18,8 @@ import numpy as np
 
 from hotice.model import g1
 from hotice.model.robot_state import joint_index
-from hotice.policies.guidance import FieldReading
-from hotice.policies.percept import Percept
+from hotice.policy.guidance import FieldReading
+from hotice.policy.percept import Percept
 
 NUM_JOINTS = len(g1.ACTION_JOINTS)
 NQ, NV = 43, 41

@@ -17,10 +17,10 @@ from pydrake.systems.framework import Context, LeafSystem
 from hotice.model import builder
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
-from hotice.policies.guidance import NUM_FIELD, FieldReading
-from hotice.policies.percept import NUM_SGF, Percept
+from hotice.policy.guidance import NUM_FIELD, FieldReading
+from hotice.policy.percept import NUM_SGF, Percept
+from hotice.systems.drake_shapes import pose, primitive, shape_of
 from hotice.systems.robot_meshes import robot_meshes
-from hotice.systems.shapes import pose, primitive, shape_of
 from hotice.systems.signals import CONTACT_FORCE, GUIDANCE, NQ, PERCEPT, ROBOT_STATE, TOUCHING_BODIES
 
 Array = NDArray[np.float64]

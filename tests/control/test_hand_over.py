@@ -7,10 +7,10 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("proxsuite")
 
 import mujoco
+from hotice.control.pickup.end_state import end_state
+from hotice.control.pickup.footwork import Departure
 
 from hotice.control.controller import Measurement
-from hotice.control.footwork import Departure
-from hotice.control.hand_over import end_state
 from hotice.control.pick_plan import Support
 from hotice.control.pickup import Pickup, PickupConfig
 from hotice.control.walk.later import WalkLater

@@ -14,15 +14,16 @@ pytest.importorskip("adam.casadi")
 
 import pinocchio as pin
 
-from hotice.control.pick_plan import Durations, Planner, Support, cache, together
-from hotice.control.pick_plan.drake_ik import KeyframeIk
-from hotice.control.pick_plan.drake_robot import DrakeRobot
+from hotice.control.pick_plan import Durations, Planner, Support, cache
 from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M, Grip
-from hotice.control.pick_plan.guess import Guess
-from hotice.control.pick_plan.kinematics import NX, OUT, kinematics, to_q, to_x
-from hotice.control.pick_plan.nlp import Knots, PathProgram
+from hotice.control.pick_plan.guess import hold as together
+from hotice.control.pick_plan.guess.postures import Guess
+from hotice.control.pick_plan.keyframes.ik import KeyframeIk
+from hotice.control.pick_plan.keyframes.robot import DrakeRobot
+from hotice.control.pick_plan.paths.kinematics import NX, OUT, kinematics, to_q, to_x
+from hotice.control.pick_plan.paths.nlp import Knots, PathProgram
 from hotice.control.pick_plan.task import PickTask, frames_at
-from hotice.control.terms import FEET, Terms
+from hotice.control.whole_body.terms import FEET, Terms
 from hotice.errors import HoticeError, PickInfeasible
 from hotice.model import Box, Cylinder, Sphere
 from hotice.model.carry import surface_distance

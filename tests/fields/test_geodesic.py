@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from hotice.fields.geodesic.fast_marching import solve_geodesic
+from hotice.fields.geodesic.segments import blocker
 
 from hotice.errors import InvalidConfig
 from hotice.fields import build_hod_pf
 from hotice.fields.distance import occupancy_distance
-from hotice.fields.geodesic import solve_geodesic
 from hotice.fields.grid import Grid
-from hotice.fields.segments import blocker
 from hotice.fields.solids import FAR_M, Space, distance_within
 from hotice.fields.volumes import solve_scene
 from hotice.model import Obstacle, Scene, load_scene

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
+from hotice.fields.geodesic.fast_marching import solve_geodesic
+from hotice.fields.geodesic.mesh_segments import approach
+from hotice.fields.geodesic.segments import blocker
 
-from hotice.fields.geodesic import solve_geodesic
 from hotice.fields.grid import Grid
-from hotice.fields.mesh_segments import approach
-from hotice.fields.segments import blocker
 from hotice.fields.solids import Space
 from hotice.model import Obstacle, Scene
 from hotice.model.bvh import Tree, signed_distances

@@ -2,15 +2,15 @@ import dataclasses
 
 import pytest
 import torch
+from hotice.learn.checkpoints.average import COUNT, PREFIX, AveragedPolicy, averaged
+from hotice.learn.checkpoints.checkpoint import load_checkpoint
+from hotice.learn.ppo.networks import ActorCritic
+from hotice.learn.train.config import TrainConfig
+from hotice.learn.train.runner import Runner
+from hotice.task.config import get_preset
 
 from hotice.errors import InvalidConfig
-from hotice.learn.average import COUNT, PREFIX, AveragedPolicy, averaged
-from hotice.learn.checkpoint import load_checkpoint
-from hotice.learn.config import TrainConfig
-from hotice.learn.networks import ActorCritic
 from hotice.learn.policy import torch_policy
-from hotice.learn.runner import Runner
-from hotice.sim.config import get_preset
 
 
 @pytest.fixture

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 import torch
+from hotice.learn.checkpoints.checkpoint import load_checkpoint
+from hotice.learn.ppo.dual_ppo import DualPpo
+from hotice.learn.ppo.learner import MIRROR_ROWS
+from hotice.learn.ppo.networks import ActorCritic
+from hotice.learn.ppo.storage import Batch, Rollout
+from hotice.learn.train.config import PpoConfig
+from hotice.learn.train.runner import Runner
+from hotice.task.config import DUAL
 from safetensors.torch import load_file, save_file
 
 from hotice.learn import distributed
-from hotice.learn.checkpoint import load_checkpoint
-from hotice.learn.config import PpoConfig
-from hotice.learn.dual_ppo import DualPpo
-from hotice.learn.learner import MIRROR_ROWS
-from hotice.learn.networks import ActorCritic
-from hotice.learn.runner import Runner
-from hotice.learn.storage import Batch, Rollout
-from hotice.sim.config import DUAL
 from hotice.sim.observations import mirror_action
 
 OBS, CRITIC, STEPS = 11, 13, 6

@@ -2,24 +2,24 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import hotice.evaluate.conditions as conditions
+import hotice.evaluate.run as module
 import mujoco
 import pytest
 import torch
-
-import hotice.learn.conditions as conditions
-import hotice.learn.evaluate as module
-from hotice.errors import CheckpointError, HoticeError, InvalidConfig
-from hotice.learn.carriers import policy_digest
-from hotice.learn.conditions import Conditions
-from hotice.learn.evaluate import (
+from hotice.evaluate.carriers import policy_digest
+from hotice.evaluate.conditions import Conditions
+from hotice.evaluate.run import (
     EvaluateConfig,
     Scorer,
     evaluate,
     score_block,
 )
+from hotice.evaluate.seeds import TrialSeeds
+from hotice.evaluate.trials import Trials, success_interval
+
+from hotice.errors import CheckpointError, HoticeError, InvalidConfig
 from hotice.learn.policy import load_policy
-from hotice.learn.seeds import TrialSeeds
-from hotice.learn.trials import Trials, success_interval
 from hotice.model import Box, load_scene
 from hotice.model.builder import HIT_SENSORS
 from hotice.model.carry import solve_carry

@@ -15,18 +15,20 @@ import threading
 import pytest
 import torch
 import yaml
+from hotice.commands.pipeline.file import load_pipeline
+from hotice.commands.pipeline.jobs import LOCK, Job, JobProcess
+from hotice.commands.program import main
+from hotice.failures import LOWER, mendable
+from hotice.learn.checkpoints.checkpoint import PREFIX, TENSORS, list_checkpoints, load_checkpoint, save_checkpoint
+from hotice.learn.checkpoints.health import check_network, first_not_finite
+from hotice.learn.train.progress import LOG, Progress, keep_rows
+from hotice.learn.train.runner import Runner
 
 from hotice.errors import CheckpointError, DivergedError, OutOfMemory, OutputError, SimulationError
-from hotice.learn import dagger, evaluate, runner
-from hotice.learn.__main__ import main
-from hotice.learn.checkpoint import PREFIX, TENSORS, list_checkpoints, load_checkpoint, save_checkpoint
-from hotice.learn.failures import LOWER, mendable
-from hotice.learn.health import check_network, first_not_finite
-from hotice.learn.jobs import LOCK, Job, JobProcess
-from hotice.learn.pipeline_file import load_pipeline
+from hotice.evaluate import run as evaluate
+from hotice.learn.distill import dagger
 from hotice.learn.policy import torch_policy
-from hotice.learn.progress import LOG, Progress, keep_rows
-from hotice.learn.runner import Runner
+from hotice.learn.train import runner
 from hotice.model.scene import Scene
 
 FEW = ["--num-envs", "4", "--steps", "4", "--checkpoint-updates", "1"]
@@ -346,7 +348,7 @@ def test_errors_that_no_user_can_mend_keep_their_traceback():
 
 
 def test_every_option_to_lower_exists():
-    from hotice.learn.jobs import _config_type, _field_names
+    from hotice.commands.pipeline.jobs import _config_type, _field_names
 
     for command, text in LOWER.items():
         for word in text.replace(",", " ").split():

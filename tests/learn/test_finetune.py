@@ -2,11 +2,11 @@ import dataclasses
 
 import pytest
 import torch
+from hotice.learn.distill.config import DistillConfig, FinetuneConfig
+from hotice.learn.distill.dagger import DistillRunner
+from hotice.learn.train.runner import Runner
 
 from hotice.errors import InvalidConfig
-from hotice.learn.dagger import DistillRunner
-from hotice.learn.runner import Runner
-from hotice.learn.student_config import DistillConfig, FinetuneConfig
 
 
 @pytest.fixture(scope="session")

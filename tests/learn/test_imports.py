@@ -27,7 +27,7 @@ def test_importing_learn_is_light():
 
 
 def test_training_needs_no_analysis_library():
-    heavy = loaded_by("import hotice.learn.dual_ppo, hotice.learn.evaluate, hotice.learn.commands, hotice.sim")
+    heavy = loaded_by("import hotice.learn.ppo.dual_ppo, hotice.evaluate.run, hotice.commands.table, hotice.sim")
     assert not set(heavy) & {"pydrake", "pinocchio", "coal", "trimesh", "matplotlib", "onnx", "onnxscript"}
 
 
@@ -79,7 +79,7 @@ class NoNetwork(socket.socket):
 socket.socket = NoNetwork
 
 import hotice.learn, hotice.sim, hotice.model
-from hotice.learn.__main__ import main
+from hotice.commands.program import main
 for options in sys.argv[1:]:
     assert main(options.split()) == 0
 assert not any(name.split(".")[0] in {ABSENT!r} for name in sys.modules)

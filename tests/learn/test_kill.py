@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
+from hotice.commands.pipeline.file import load_pipeline
+from hotice.commands.pipeline.jobs import LOCK
+from hotice.commands.program import main
+from hotice.learn.checkpoints.checkpoint import PREFIX, load_checkpoint
 
-from hotice.learn.__main__ import main
-from hotice.learn.checkpoint import PREFIX, load_checkpoint
-from hotice.learn.jobs import LOCK
-from hotice.learn.pipeline_file import load_pipeline
 from hotice.learn.policy import load_policy, torch_policy
 
 KILLS = int(os.environ.get("HOTICE_KILLS", "3"))
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.slow
 def processes():
     """Processes that start fast: forked from one that has imported what they need."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["hotice.learn.dagger", "hotice.learn.commands"])
+    context.set_forkserver_preload(["hotice.learn.distill.dagger", "hotice.commands.table"])
     return context
 
 

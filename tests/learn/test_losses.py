@@ -2,9 +2,8 @@ import math
 
 import pytest
 import torch
-
-from hotice.learn.losses import clipped_surrogate, clipped_value
-from hotice.learn.networks import kl_divergence, log_prob
+from hotice.learn.ppo.losses import clipped_surrogate, clipped_value
+from hotice.learn.ppo.networks import kl_divergence, log_prob
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 import torch
+from hotice.learn.ppo.networks import ActorCritic, Normalizer
+from hotice.task.config import DUAL, SINGLE
 
-from hotice.learn.networks import ActorCritic, Normalizer
-from hotice.sim.config import DUAL, SINGLE
 from hotice.sim.observations import POLICY, ObservationTable
 
 

@@ -8,7 +8,8 @@ import pytest
 pytest.importorskip("pydrake")
 pytest.importorskip("pinocchio")
 
-from hotice.learn.__main__ import main
+from hotice.commands.program import main
+
 from hotice.model import Obstacle, Scene
 from hotice.model.shapes import BoxShape
 from hotice.replay import RolloutRecord
@@ -32,9 +33,10 @@ def test_a_walk_to_look_at(tmp_path, capsys):
 @pytest.fixture
 def short_run(monkeypatch):
     """Runs end at once, told to have fallen back; the record is that of a robot standing with its box."""
-    import hotice.systems.play as play
+    import hotice.systems.record.play as play
+    from hotice.systems.record.hand_over import HandOverReport
+
     from hotice.model import builder
-    from hotice.systems.hand_over_report import HandOverReport
 
     configs = []
 
@@ -112,7 +114,7 @@ def test_a_scene_without_room_for_a_table(tmp_path, capsys):
 
 def test_without_drake(tmp_path):
     code = (
-        "import sys; sys.modules['pydrake'] = None; from hotice.learn.__main__ import main; "
+        "import sys; sys.modules['pydrake'] = None; from hotice.commands.program import main; "
         "sys.exit(main(['play', '--controller', 'walk']))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)

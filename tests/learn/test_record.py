@@ -1,15 +1,15 @@
 """Rollouts for looking at end as evaluation says that they end."""
 
+import hotice.evaluate.conditions as conditions
 import numpy as np
 import pytest
 import torch
+from hotice.evaluate.conditions import Conditions
+from hotice.evaluate.record import record_rollouts
+from hotice.evaluate.run import score_block
 
-import hotice.learn.conditions as conditions
 from hotice.errors import CheckpointError, InvalidConfig
-from hotice.learn.conditions import Conditions
-from hotice.learn.evaluate import score_block
 from hotice.learn.policy import load_policy
-from hotice.learn.record import record_rollouts
 from hotice.model import Box
 from hotice.model.carry import solve_carry
 from hotice.model.scene import Obstacle, Scene

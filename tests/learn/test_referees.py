@@ -5,10 +5,10 @@ from dataclasses import fields
 import numpy as np
 import pytest
 import torch
+from hotice.evaluate.referees import FREE_STEPS, Signals, afterwards, exact, points
+from hotice.evaluate.trial_log import TrialLog
 
 from hotice.fields.bank import FieldBank
-from hotice.learn.referees import FREE_STEPS, Signals, afterwards, exact, points
-from hotice.learn.trial_log import TrialLog
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape
 

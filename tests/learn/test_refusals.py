@@ -6,19 +6,19 @@ from pathlib import Path
 
 import pytest
 import torch
+from hotice.commands.benchmark import BenchmarkConfig
+from hotice.commands.program import main
+from hotice.commands.reproduce import ReproduceConfig, reproduce
+from hotice.commands.table import PlayConfig
+from hotice.evaluate.run import EvaluateConfig
+from hotice.evaluate.trials import Trials, TrialStore
+from hotice.learn.checkpoints.checkpoint import load_checkpoint
+from hotice.learn.distill.config import FinetuneConfig
+from hotice.learn.train.config import PpoConfig, TrainConfig
 
 from hotice.errors import CarryInfeasible, CheckpointError, InputError, InvalidConfig, UnknownName
-from hotice.learn import runner
-from hotice.learn.__main__ import main
-from hotice.learn.benchmark import BenchmarkConfig
-from hotice.learn.checkpoint import load_checkpoint
-from hotice.learn.commands import PlayConfig
-from hotice.learn.config import PpoConfig, TrainConfig
-from hotice.learn.evaluate import EvaluateConfig
 from hotice.learn.policy import load_policy
-from hotice.learn.reproduce import ReproduceConfig, reproduce
-from hotice.learn.student_config import FinetuneConfig
-from hotice.learn.trials import Trials, TrialStore
+from hotice.learn.train import runner
 from hotice.model.dynamics import DynamicsConfig
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import load_scenes

@@ -9,10 +9,17 @@ import time
 
 import pytest
 import torch
+from hotice.learn.checkpoints.checkpoint import (
+    META,
+    TENSORS,
+    list_checkpoints,
+    load_checkpoint,
+    save_checkpoint,
+    sha256,
+)
+from hotice.learn.train.runner import Runner
 
 from hotice.errors import CheckpointError, OutputError
-from hotice.learn.checkpoint import META, TENSORS, list_checkpoints, load_checkpoint, save_checkpoint, sha256
-from hotice.learn.runner import Runner
 
 
 def newest(out):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import torch
+from hotice.evaluate.conditions import Conditions, start_trials
+from hotice.evaluate.seeds import TrialSeeds, object_seed
+from hotice.evaluate.spread import spread_ratio
 
-from hotice.learn.conditions import Conditions, start_trials
-from hotice.learn.seeds import TrialSeeds, object_seed
-from hotice.learn.spread import spread_ratio
 from hotice.model import Box, builder, load_scene
 from hotice.model.carry import solve_carry
 from hotice.model.scene import Obstacle, Scene

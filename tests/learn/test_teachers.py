@@ -2,12 +2,12 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from hotice.learn.checkpoints.checkpoint import load_checkpoint, save_checkpoint
+from hotice.learn.distill.teachers import Teachers, columns_in
+from hotice.learn.train.runner import config_to_dict
 
 from hotice.errors import CheckpointError
-from hotice.learn.checkpoint import load_checkpoint, save_checkpoint
 from hotice.learn.policy import torch_policy
-from hotice.learn.runner import config_to_dict
-from hotice.learn.teachers import Teachers, columns_in
 
 
 @pytest.fixture

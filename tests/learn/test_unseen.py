@@ -1,11 +1,11 @@
 """Groups of unseen scenes by what was trained on."""
 
 import pytest
+from hotice.commands.unseen import compared, group_of, similarities, unseen_points
+from hotice.commands.unseen_views import draw_unseen, unseen_markdown
+from hotice.evaluate.trials import success_interval
+from hotice.learn.checkpoints.trained_on import TrainedOn
 
-from hotice.learn.trained_on import TrainedOn
-from hotice.learn.trials import success_interval
-from hotice.learn.unseen import compared, group_of, similarities, unseen_points
-from hotice.learn.unseen_views import draw_unseen, unseen_markdown
 from hotice.model.generate.families import family_scenes
 from hotice.model.scene import load_scene
 
@@ -57,6 +57,6 @@ def test_groups_are_counted_apart(tmp_path):
 def test_similarity_in_parts_is_that_in_one(monkeypatch):
     unseen, training = [load_scene(n) for n in ("pipe", "gap")], family_scenes("beam", 3)
     whole = similarities(unseen, training)
-    monkeypatch.setattr("hotice.learn.unseen.AT_A_TIME", 2)
+    monkeypatch.setattr("hotice.commands.unseen.AT_A_TIME", 2)
     for row, alike in zip(similarities(unseen, training), whole, strict=True):
         assert row == alike | {"similarity": pytest.approx(alike["similarity"], abs=1e-5)}

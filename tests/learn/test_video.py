@@ -3,13 +3,13 @@ import sys
 
 import numpy as np
 import pytest
+from hotice.commands.program import main
+from hotice.evaluate.conditions import Conditions
+from hotice.evaluate.record import failures_first, record_rollouts
+from hotice.replay.video import FRAMES_PER_S, SIZE_PX, STILL_S, film_frames, write_video
 
 from hotice.errors import InvalidConfig, OutputError
-from hotice.learn.__main__ import main
-from hotice.learn.conditions import Conditions
 from hotice.learn.policy import load_policy
-from hotice.learn.record import failures_first, record_rollouts
-from hotice.learn.video import FRAMES_PER_S, SIZE_PX, STILL_S, film_frames, write_video
 from hotice.model import Box
 from hotice.model.carry import solve_carry
 from hotice.model.scene import Obstacle, Scene

@@ -1,21 +1,21 @@
 import json
 
+import hotice.evaluate.carriers as carriers
+import hotice.evaluate.conditions as conditions
+import hotice.evaluate.walk_trials as walk_trials
 import mujoco
 import numpy as np
 import pytest
 import torch
+from hotice.commands.program import main
+from hotice.evaluate.conditions import Conditions
+from hotice.evaluate.run import EvaluateConfig, Scorer, evaluate, score_block
+from hotice.evaluate.walk_trials import Trial, failure, score_walks
 
-import hotice.learn.carriers as carriers
-import hotice.learn.conditions as conditions
-import hotice.learn.walk_trials as walk_trials
 from hotice.control.plant import TorquePlant
 from hotice.control.walk import WalkConfig
 from hotice.errors import InvalidConfig, MissingExtra, UnknownName, UnreachableGoal
-from hotice.learn.__main__ import main
-from hotice.learn.conditions import Conditions
-from hotice.learn.evaluate import EvaluateConfig, Scorer, evaluate, score_block
 from hotice.learn.policy import load_policy
-from hotice.learn.walk_trials import Trial, failure, score_walks
 from hotice.model import Box, Cylinder, Sphere, builder, g1
 from hotice.model.carry import solve_carry
 from hotice.model.scene import Obstacle, Scene

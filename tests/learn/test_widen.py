@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from hotice.errors import CheckpointError
-from hotice.learn.config import PpoConfig, TrainConfig
-from hotice.learn.runner import Runner
-from hotice.learn.widen import alike, columns_within, widen
-from hotice.sim.config import TaskConfig
+from hotice.learn.checkpoints.widen import alike, columns_within, widen
+from hotice.learn.train.config import PpoConfig, TrainConfig
+from hotice.learn.train.runner import Runner
+from hotice.task.config import TaskConfig
 
 SMALL = {
     "scenes": ("pipe",),

@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+from hotice.commands.scene import main
 
 from hotice.errors import InputError, InvalidConfig, InvalidMap, InvalidScene
 from hotice.model import load_scene
@@ -23,7 +24,6 @@ from hotice.model.importers.front3d_scenes import (
 from hotice.model.importers.polygons import triangulated
 from hotice.model.importers.solids import MAX_BODIES, SHEET_M, VOXEL_M, solidify
 from hotice.model.shapes import BoxShape, MeshShape
-from hotice.scene_commands import main
 from tests.model import front3d_fixture as fixture
 
 HOUSE, MODELS = fixture.FOLDER / "house.json", fixture.FOLDER / "models"

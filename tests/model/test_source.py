@@ -128,7 +128,7 @@ def test_imports_say_how_their_map_lies(turn, more, tmp_path):
 
 
 def test_a_station_with_a_table_keeps_the_map():
-    from hotice.systems.table import with_table
+    from hotice.systems.setup.table import with_table
 
     table = Obstacle("table", "side", BoxShape((0.4, 0.4, 0.7)), (-0.6, 0.0, 0.35))
     assert with_table(Scene("s", source=SOURCE), table).source == SOURCE

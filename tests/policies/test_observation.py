@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 import torch
+from hotice.policy.guidance import read_fields
+from hotice.policy.observation import Carrying, layout_of, observe, remember
+from hotice.policy.percept import Percept, PerceptModel
+from hotice.task.policy_task import PolicyTask
 
 from hotice.fields import build_hod_pf
 from hotice.model.robot_state import RobotState
-from hotice.policies.guidance import read_fields
-from hotice.policies.observation import Carrying, layout_of, observe, remember
-from hotice.policies.percept import Percept, PerceptModel
-from hotice.policies.policy_task import PolicyTask
 from hotice.sim.observations import ObservationTable, policy_rows
 
 

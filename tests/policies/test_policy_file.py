@@ -4,12 +4,12 @@ import sys
 import numpy as np
 import pytest
 import torch
+from hotice.policy.observation import LAYOUT, SIZE
+from hotice.policy.policy_file import check_layout
+from hotice.task.config import PRESETS, TaskConfig
 
 from hotice.errors import CheckpointError, UnknownName
-from hotice.policies import PolicyTask, open_policy, shipped_policies
-from hotice.policies.observation import LAYOUT, SIZE
-from hotice.policies.policy_file import check_layout
-from hotice.sim.config import PRESETS, TaskConfig
+from hotice.policy import PolicyTask, open_policy, shipped_policies
 
 
 def test_shipped_policy_acts_as_through_torch():
@@ -23,9 +23,7 @@ def test_shipped_policy_acts_as_through_torch():
 
 
 def test_it_needs_no_torch():
-    code = (
-        "import sys; from hotice.policies import open_policy; import hotice.policies.observation; open_policy('carry')"
-    )
+    code = "import sys; from hotice.policy import open_policy; import hotice.policy.observation; open_policy('carry')"
     code += "; assert 'torch' not in sys.modules and 'pinocchio' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -3,9 +3,9 @@ bit."""
 
 import pytest
 import torch
+from hotice.task.history import FRAME
 
 from hotice.errors import InvalidConfig
-from hotice.model.history import FRAME
 from hotice.model.objects import Box
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.observations import mirror_action

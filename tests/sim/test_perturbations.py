@@ -1,11 +1,11 @@
 from dataclasses import fields, replace
 
 import pytest
+from hotice.task.perturbations import SENSED, SOURCES, without
 
 from hotice.errors import UnknownName
 from hotice.model.dynamics import DynamicsConfig
 from hotice.sim import TaskConfig
-from hotice.sim.perturbations import SENSED, SOURCES, without
 from hotice.sim.sensing import SensingConfig
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from hotice.model import scan
 from hotice.model.objects import Box
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.shapes import BoxShape
@@ -12,6 +11,7 @@ from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.observations import ObservationTable, policy_rows
 from hotice.sim.scan import scan_points
 from hotice.sim.snapshot import FEET
+from hotice.task import scan
 
 BLOCK = Obstacle("block", "ground", BoxShape((0.1, 1.6, 0.16)), (0.6, 0.0, 0.08))
 SCENE = Scene("block", ((-1.0, -1.0, 0.0), (2.5, 1.0, 1.5)), (0.0, 0.0, 0.0), (2.0, 0.0), (BLOCK,))

@@ -6,24 +6,25 @@ from pydrake.systems.analysis import Simulator
 
 pytest.importorskip("pinocchio")
 
-from hotice.control.footwork import Departure
+from hotice.control.pickup.footwork import Departure
+from hotice.systems.hand_over.mode_selector import CARRY, HOLD, WALK, HandOver, ModeSelector
+from hotice.systems.hand_over.rehearsal import Rehearsal
+from hotice.systems.hand_over.stage import VERDICTS
+from hotice.systems.hand_over.walk_rehearsal import WalkRehearsal
+from hotice.systems.record.hand_over import HandOverReport, report_hand_over
+from hotice.systems.record.rollout import SignalLog, wires
+from hotice.systems.setup.departure import SECTOR_RAD, plan_departure
+from hotice.systems.setup.rehearsal_config import RehearsalConfig
+from hotice.systems.setup.table import SUPPORT, around_table, beside_start, table_of, with_table
+
 from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
 from hotice.fields import build_hod_pf
 from hotice.model import Obstacle, Scene
 from hotice.model.carry import solve_carry
 from hotice.model.robot_state import RobotState
 from hotice.model.shapes import BoxShape
-from hotice.policies import PolicyTask
+from hotice.policy import PolicyTask
 from hotice.systems import StationConfig, make_station, read_logs
-from hotice.systems.departure import SECTOR_RAD, plan_departure
-from hotice.systems.hand_over_report import HandOverReport, report_hand_over
-from hotice.systems.mode_selector import CARRY, HOLD, WALK, HandOver, ModeSelector
-from hotice.systems.recording import SignalLog, wires
-from hotice.systems.rehearsal import Rehearsal
-from hotice.systems.rehearsal_config import RehearsalConfig
-from hotice.systems.rehearsal_stage import VERDICTS
-from hotice.systems.table import SUPPORT, around_table, beside_start, table_of, with_table
-from hotice.systems.walk_rehearsal import WalkRehearsal
 
 OPEN = Scene("open")
 
@@ -138,8 +139,8 @@ def test_a_rehearsal_sees_obstacles(ready):
 
 def test_a_rehearsal_senses_as_the_station_does(ready):
     """The measurements of a rehearsal are as far off the truth as the station's noise allows, each try's its own."""
-    from hotice.policies.percept import PerceptModel
-    from hotice.systems.rehearsal import Sensing
+    from hotice.policy.percept import PerceptModel
+    from hotice.systems.hand_over.rehearsal import Sensing
 
     station, state = ready
     model = PerceptModel(station.carry.carried)
@@ -285,7 +286,7 @@ def test_the_box_stays_in_the_hands(policy):
 @pytest.mark.slow
 def test_without_skill_the_walk_carries_on(monkeypatch):
     """Where the rehearsal always ends in a fall, the baseline takes the box from the pick-up and walks on with it."""
-    from hotice.systems.play import play_station
+    from hotice.systems.record.play import play_station
 
     monkeypatch.setattr(Rehearsal, "__call__", lambda self, state: VERDICTS.index("fall"))
     station = make_station(StationConfig(log_hz=25.0), controller="pickup_then_policy")
@@ -299,7 +300,7 @@ def test_without_skill_the_walk_carries_on(monkeypatch):
 @pytest.mark.slow
 def test_where_neither_is_fit_the_box_is_held(monkeypatch):
     """The pick-up goes on holding, and the report says why; policy and walk never command."""
-    from hotice.systems.play import play_station
+    from hotice.systems.record.play import play_station
 
     monkeypatch.setattr(Rehearsal, "__call__", lambda self, state: VERDICTS.index("fall"))
     monkeypatch.setattr(WalkRehearsal, "__call__", lambda self, state: VERDICTS.index("drop"))
@@ -312,7 +313,7 @@ def test_where_neither_is_fit_the_box_is_held(monkeypatch):
 
 def test_departures_of_stations(monkeypatch):
     """Only a pick-up that hands over departs, and it is asked to where the policy is to go."""
-    import hotice.systems.departure as departure
+    import hotice.systems.setup.departure as departure
 
     monkeypatch.setattr(departure, "plan_departure", lambda *_: Departure(back_m=0.3, turn_rad=-0.4))
     alone = make_station(controller="pickup")

@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from hotice.policy.guidance import read_fields
+from hotice.policy.observation import LAYOUT, Carrying, layout_of, observe, remember
+from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import CheckpointError
 from hotice.fields.bank import FieldBank
-from hotice.model.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig
-from hotice.policies import Percept, PerceptModel, PolicyTask, open_policy
-from hotice.policies.guidance import read_fields
-from hotice.policies.observation import LAYOUT, Carrying, layout_of, observe, remember
+from hotice.policy import Percept, PerceptModel, PolicyTask, open_policy
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.systems.guidance_field import GuidanceFieldSystem

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
+from hotice.systems.station.plants import carry_servo, station_model
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
@@ -11,7 +12,6 @@ from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig, joint_offset
 from hotice.systems import StationConfig, make_station
 from hotice.systems.joint_pd import JointPd, JointServo
 from hotice.systems.pushes import Pushes, draw_push
-from hotice.systems.station_plant import carry_servo, station_model
 
 YAML = {"sensing": "student", "dynamics": "student", "push_m_s": 1.0, "push_interval_s": 0.2}
 
@@ -95,8 +95,9 @@ def test_the_robot_is_drawn(perturbed):
 
 
 def test_encoders_that_err_are_read_so(carry, robot_state, run):
-    from hotice.model.sensing import SensingConfig
-    from hotice.policies.percept import Percept, PerceptModel
+    from hotice.policy.percept import Percept, PerceptModel
+    from hotice.task.sensing import SensingConfig
+
     from hotice.systems.sensor_model import SensorModel
 
     offset = np.linspace(-0.01, 0.01, 20)

@@ -3,6 +3,7 @@ import sys
 
 import numpy as np
 import pytest
+from hotice.systems.record.rollout import judge, to_record, wires
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -23,7 +24,6 @@ from hotice.replay import RolloutRecord
 from hotice.systems import StationConfig, make_station, read_logs, write_diagram, write_html
 from hotice.systems.compose import build, connect
 from hotice.systems.joint_pd import JointPd
-from hotice.systems.recording import judge, to_record, wires
 from hotice.systems.safety_monitor import SafePosture, SafetyLimits, SafetyMonitor
 from hotice.systems.signals import CONTACT_FORCE, GUIDANCE, PERCEPT, ROBOT_STATE
 from hotice.systems.visualizer import Visualizer

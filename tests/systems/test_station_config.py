@@ -1,8 +1,8 @@
 import pytest
+from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 from hotice.errors import InvalidConfig
 from hotice.model import Box, Cylinder
-from hotice.model.sensing import STUDENT_SENSING, SensingConfig
 from hotice.systems import StationConfig
 from hotice.systems.safety_monitor import SafetyLimits
 

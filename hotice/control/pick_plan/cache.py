@@ -29,9 +29,8 @@ MAX_BYTES = 2**20
 SOLVERS = ("drake", "casadi", "adam-robotics", "pin")
 _PACKAGE = Path(__file__).resolve().parent
 _SOURCES = (
-    *sorted(_PACKAGE.glob("*.py")),
-    _PACKAGE.parent / "terms.py",
-    _PACKAGE.parent / "contacts.py",
+    *sorted(_PACKAGE.rglob("*.py")),
+    *(_PACKAGE.parent / "whole_body" / f"{name}.py" for name in ("terms", "contacts")),
     *(_PACKAGE.parents[1] / "model" / f"{name}.py" for name in ("carry", "least_squares", "builder", "objects")),
 )
 

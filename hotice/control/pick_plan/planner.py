@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hotice.control.contacts import PALM_M
 from hotice.control.pick_plan import cache
 from hotice.control.pick_plan.grip import Grip, ready_joints
 from hotice.control.pick_plan.plan import Durations, PickPlan
 from hotice.control.pick_plan.support import Support
 from hotice.control.pick_plan.task import PickTask, frames_at
-from hotice.control.terms import FEET, Terms
+from hotice.control.whole_body.contacts import PALM_M
+from hotice.control.whole_body.terms import FEET, Terms
 from hotice.errors import PickInfeasible
 from hotice.model.frames import normalize, quat_from_yaw, yaw_from_quat
 from hotice.model.objects import CarriedObject
@@ -93,8 +93,8 @@ class Planner:
         return bool(max(moved) <= SAME_M and max(turned) <= SAME_RAD)
 
     def _solve(self, task: PickTask) -> PickPlan:
-        from hotice.control.pick_plan.keyframes import KeyframeSolver
-        from hotice.control.pick_plan.trajectory import LIFT_KNOTS, Paths
+        from hotice.control.pick_plan.keyframes.keyframes import KeyframeSolver
+        from hotice.control.pick_plan.paths.trajectory import LIFT_KNOTS, Paths
 
         keys = KeyframeSolver(task, self._robot, self.terms).solve()
         paths = Paths(task, self.terms, self.durations)
@@ -118,7 +118,7 @@ class Planner:
 
     @cached_property
     def _robot(self):
-        from hotice.control.pick_plan.drake_robot import DrakeRobot
+        from hotice.control.pick_plan.keyframes.robot import DrakeRobot
 
         return DrakeRobot(self.wrist_pos)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.pick_plan.grip import CLEAR_M, Grip
-from hotice.control.terms import FEET, HANDS, Terms
+from hotice.control.whole_body.terms import FEET, HANDS, Terms
 from hotice.model.frames import quat_from_yaw, quat_to_mat, yaw_from_quat
 
 Array = NDArray[np.float64]

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Command, Measurement
-from hotice.control.footwork import Departure
 from hotice.control.pick_plan import Planner, Support
 from hotice.control.pickup.config import PickupConfig
+from hotice.control.pickup.footwork import Departure
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.pickup.phases import Phases
 from hotice.control.pickup.stance import Stance
 from hotice.control.pickup.tracking import Tracking
-from hotice.control.terms import Terms
-from hotice.control.whole_body_qp import QpConfig, WholeBodyQp
+from hotice.control.whole_body.qp import QpConfig, WholeBodyQp
+from hotice.control.whole_body.terms import Terms
 from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]

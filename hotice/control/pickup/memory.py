@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.footwork import Course
 from hotice.control.pick_plan import PickPlan
+from hotice.control.pickup.footwork import Course
 from hotice.control.pickup.stance import Stance
-from hotice.control.whole_body_qp import QpMemory
+from hotice.control.whole_body.qp import QpMemory
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.footwork import Feet
+from hotice.control.pickup.footwork import Feet
 
 Array = NDArray[np.float64]
 

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
-from hotice.control.footwork import Departure
-from hotice.control.path import along
 from hotice.control.pick_plan import Planner
 from hotice.control.pickup import stepping
 from hotice.control.pickup.config import PickupConfig
+from hotice.control.pickup.footwork import Departure
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.pickup.motion import Motion
+from hotice.control.pickup.path import along
 from hotice.control.pickup.plans import Plans
-from hotice.control.terms import HANDS, Terms
+from hotice.control.whole_body.terms import HANDS, Terms
 
 Array = NDArray[np.float64]
 FIRST_SQUEEZE_N, FIRST_SQUEEZE_N_PER_S = 25.0, 20.0  # while the hands look for the object

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
-from hotice.control.footwork import SOLE_AHEAD_M
-from hotice.control.terms import FEET, Terms
+from hotice.control.pickup.footwork import SOLE_AHEAD_M
+from hotice.control.whole_body.terms import FEET, Terms
 from hotice.errors import InvalidConfig
 from hotice.model.frames import quat_from_yaw, quat_mul
 

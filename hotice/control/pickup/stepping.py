@@ -1,4 +1,4 @@
-"""Steps of a pick-up: body, feet and reference along a course of `hotice.control.footwork`."""
+"""Steps of a pick-up: body, feet and reference along a course of `hotice.control.pickup.footwork`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.control.controller import Measurement
-from hotice.control.footwork import Departure, plan_steps
+from hotice.control.pickup.footwork import Departure, plan_steps
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.pickup.motion import Motion
-from hotice.control.terms import FEET, HANDS, Terms
+from hotice.control.whole_body.terms import FEET, HANDS, Terms
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 
 Array = NDArray[np.float64]

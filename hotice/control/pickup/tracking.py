@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.contacts import GRAVITY, Contacts
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.pickup.motion import Motion
-from hotice.control.tasks import Targets
-from hotice.control.terms import FEET, HANDS, LEFT_HAND, PELVIS, Terms
+from hotice.control.whole_body.contacts import GRAVITY, Contacts
+from hotice.control.whole_body.tasks import Targets
+from hotice.control.whole_body.terms import FEET, HANDS, LEFT_HAND, PELVIS, Terms
 from hotice.model import g1
 from hotice.model.frames import quat_from_yaw, quat_to_mat
 from hotice.model.objects import CarriedObject

@@ -11,9 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.contacts import Contacts
 from hotice.control.controller import Command, Measurement
-from hotice.control.terms import LEFT_FOOT, PELVIS
 from hotice.control.walk.adjust import AdjustConfig, StepAdjuster
 from hotice.control.walk.config import WalkConfig
 from hotice.control.walk.dcm import GRAVITY, DcmReference
@@ -22,7 +20,9 @@ from hotice.control.walk.leg import toe_down
 from hotice.control.walk.memory import DOUBLE, SHIFT, STAND, SWING, WalkMemory
 from hotice.control.walk.plan import WalkPlan
 from hotice.control.walk.swing import Swing
-from hotice.control.whole_body_qp import QpConfig, Targets, WholeBodyQp
+from hotice.control.whole_body.contacts import Contacts
+from hotice.control.whole_body.qp import QpConfig, Targets, WholeBodyQp
+from hotice.control.whole_body.terms import LEFT_FOOT, PELVIS
 from hotice.model import g1
 from hotice.model.carry import CarryState
 from hotice.model.frames import quat_to_mat

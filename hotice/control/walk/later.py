@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hotice.control.controller import Command, Measurement
-from hotice.control.terms import FEET, Terms
 from hotice.control.walk.controller import WalkController
 from hotice.control.walk.memory import STAND, WalkMemory
 from hotice.control.walk.path import PELVIS_HEIGHT_M
 from hotice.control.walk.plan import plan_walk
+from hotice.control.whole_body.terms import FEET, Terms
 from hotice.errors import HoticeError, UnreachableGoal
 from hotice.fields import HodPf
 from hotice.model import g1

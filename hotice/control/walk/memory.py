@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.solvers import Guess
 from hotice.control.walk.dcm import DcmReference
 from hotice.control.walk.swing import Swing
-from hotice.control.whole_body_qp import QpMemory
+from hotice.control.whole_body.qp import QpMemory
+from hotice.control.whole_body.solvers import Guess
 
 Array = NDArray[np.float64]
 SHIFT, SWING, DOUBLE, STAND = "shift", "swing", "double", "stand"

@@ -1,0 +1,1 @@
+"""Command line of hotice, also as `python -m hotice.learn`."""

@@ -1,0 +1,273 @@
+"""The paper's tables and its figure of unseen scenes, from given policies or, on a small budget, from ones trained
+here.
+
+Everything is kept in one folder: runs, reports, similarities, `tables.md`, `tables.json`, `unseen.png`. The same
+command goes on where it was interrupted.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from hotice.commands.paper_tables import TABLES, Made, origins_markdown, table_markdown, tables_json
+from hotice.errors import InvalidConfig, SimulationError, UnknownName
+from hotice.evaluate.run import EvaluateConfig, evaluate
+from hotice.files import make_folder, write_text
+from hotice.learn.checkpoints.checkpoint import list_checkpoints
+from hotice.learn.checkpoints.trained_on import TrainedOn
+from hotice.learn.checkpoints.training_scenes import whole_record
+from hotice.learn.policy import load_policy
+from hotice.learn.train.config import TrainConfig
+from hotice.model.scene_sets import resolve_scenes
+from hotice.task.config import PRESETS
+from hotice.version import source_version
+
+FORMAT = "hotice-tables/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """What a policy of the tables is trained and evaluated on."""
+
+    preset: str = "dual_hodpf"
+    shape: str = "box"
+    train_scenes: str = "bench20"
+    test_scenes: str = "bench20"
+
+
+RECIPES: Mapping[str, Recipe] = {
+    **{name: Recipe(preset=name) for name in PRESETS},
+    "cylinder": Recipe(shape="cylinder"),
+    "sphere": Recipe(shape="sphere"),
+    "generalist": Recipe(train_scenes="train75", test_scenes="unseen50"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """Trials a scene, and the length of training; without updates nothing is trained."""
+
+    rollouts: int
+    updates: int
+    num_envs: int = 1024
+
+
+BUDGETS: Mapping[str, Budget] = {"small": Budget(rollouts=100, updates=120), "paper": Budget(rollouts=1000, updates=0)}
+"""Small: 2.9 M steps a policy, the same for each. Paper: 1,000 trials a scene of policies that are given."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReproduceConfig:
+    """One reproduction."""
+
+    what: Annotated[Literal["table1", "table2", "unseen", "all"], tyro.conf.Positional]
+    """Which result of the paper."""
+    budget: Literal["small", "paper"] = "small"
+    """small: policies that are not given are trained for the same small number of steps, 100 trials a scene; paper:
+    1,000 trials a scene, nothing is trained."""
+    out: Path = Path("reproduce")
+    """Folder of everything that is made."""
+    policies: tuple[str, ...] = ()
+    """Given policies as NAME=PATH; NAME: a preset, cylinder, sphere or generalist; PATH: as for `hotice evaluate`."""
+    rollouts: int = 0
+    """Trials a scene; 0: the budget's."""
+    updates: int = 0
+    """Updates of each training; 0: the budget's."""
+    num_envs: int = 0
+    """Environments of each training; 0: the budget's."""
+    seed: int = 0
+    """Seed of training and evaluation."""
+    threads: int = 0
+    """Cores; 0: all."""
+    protocol: Literal["robot", "paper"] = "robot"
+    """Physics and perturbations of the evaluations, as in `hotice evaluate`; tables name it."""
+    perturbed: bool = True
+    """Noise, delays, pushes and uncertain dynamics in evaluation, as in the paper."""
+    bench: tuple[str, ...] = ("bench20",)
+    """Scenes of the tables, in training and evaluation."""
+    training: tuple[str, ...] = ("train75",)
+    """Training scenes of the generalist, where it is trained here."""
+    trained_on: tuple[str, ...] = ()
+    """All scenes that a given generalist and its ancestors were trained on, to which unseen ones are compared: only for
+    a policy that carries no whole record of them."""
+    unseen: tuple[str, ...] = ("unseen50",)
+    """Unseen scenes."""
+
+    def __post_init__(self) -> None:
+        for name in ("rollouts", "updates", "num_envs", "seed", "threads"):
+            if not 0 <= getattr(self, name) < 2**63:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
+        self.given()
+
+    def given(self) -> dict[str, str]:
+        """Given policies by name. Raises `InvalidConfig` or `UnknownName`."""
+        pairs = [text.partition("=") for text in self.policies]
+        for name, equals, path in pairs:
+            if not equals or not path:
+                raise InvalidConfig(f"policy {name + equals!r}: NAME=PATH is needed")
+            if name not in RECIPES:
+                raise UnknownName("policy of the tables", name, RECIPES)
+        return {name: path for name, _, path in pairs}
+
+    def tables(self) -> list[str]:
+        """Names of the tables that are asked for."""
+        return list(TABLES) if self.what == "all" else [self.what]
+
+    def scenes(self, name: str) -> tuple[str, ...]:
+        """Scenes of a set of a recipe."""
+        return {"bench20": self.bench, "train75": self.training, "unseen50": self.unseen}[name]
+
+    def resources(self) -> Budget:
+        """The budget, with what was asked for instead."""
+        own = {k: getattr(self, k) for k in ("rollouts", "updates", "num_envs") if getattr(self, k)}
+        return replace(BUDGETS[self.budget], **own)
+
+
+def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> dict[str, Any]:
+    """Makes the tables, writes and prints them; `training`: what all trainings share beside budget and recipe.
+
+    Raises `HoticeError`, `SimulationError` when a training was interrupted.
+    """
+    from rich.console import Console
+
+    from hotice.commands.unseen_views import unseen_markdown
+
+    console = Console(stderr=True)
+    make_folder(config.out)
+    wanted = list(dict.fromkeys(row.policy for name in config.tables() for row in TABLES[name].rows))
+    given, made, paths = config.given(), {}, {}
+    _check_presets(given)
+    _check_scenes(config, wanted)
+    if "unseen" in config.tables() and "generalist" in given:
+        _record(config, given["generalist"])
+    for name in wanted:
+        command = None
+        if name in given:
+            path = given[name]
+        elif config.resources().updates:
+            console.rule(f"training {name}")
+            path, command = _train(config, name, training or TrainConfig())
+        else:
+            continue
+        console.rule(f"evaluating {name}")
+        made[name], paths[name] = _evaluate(config, name, path, command), path
+    result = {
+        "format": FORMAT,
+        "source": source_version(),
+        "budget": config.budget,
+        **tables_json(config.tables(), made),
+    }
+    parts = [table_markdown(TABLES[name], made) for name in config.tables()]
+    if "unseen" in config.tables() and "generalist" in made:
+        result["unseen"] |= _unseen(config, paths["generalist"], made["generalist"])
+        parts.append(unseen_markdown(result["unseen"]))
+    text = "\n\n".join([*parts, origins_markdown(made)]) + "\n"
+    write_text(config.out / "tables.json", json.dumps(result, indent=1) + "\n")
+    write_text(config.out / "tables.md", text)
+    print(text)
+    return result
+
+
+def _train(config: ReproduceConfig, name: str, shared: TrainConfig) -> tuple[str, str]:
+    """Trains a policy to the end of the budget, or goes on; returns its run and the command that does the same."""
+    from hotice.learn.train.runner import Runner
+
+    recipe, budget = RECIPES[name], config.resources()
+    objects = replace(shared.task.objects, shapes=(recipe.shape,))
+    train = replace(
+        shared,
+        out=config.out / "runs" / name,
+        preset=recipe.preset,
+        scenes=config.scenes(recipe.train_scenes),
+        num_envs=budget.num_envs,
+        updates=budget.updates,
+        seed=config.seed,
+        threads=config.threads,
+        resume=True,
+        task=replace(shared.task, objects=objects),
+    )
+    if not _trained(train):
+        Runner(train).train()
+    if not _trained(train):
+        raise SimulationError(f"training of {name} was interrupted: the same command goes on")
+    return str(train.out), train_command(train)
+
+
+def _trained(train: TrainConfig) -> bool:
+    newest = [json.loads((p / "meta.json").read_text())["update"] for p in list_checkpoints(train.out)[-1:]]
+    return bool(newest) and newest[0] >= train.updates
+
+
+def train_command(config: TrainConfig) -> str:
+    """The `hotice train` that does the same: every option that differs from its default."""
+    return shlex.join(["hotice", "train", *_options(config, TrainConfig())])
+
+
+def _options(config: Any, default: Any) -> Sequence[str]:
+    options: list[str] = []
+    for field in dataclasses.fields(config):
+        value, usual = getattr(config, field.name), getattr(default, field.name)
+        flag = "--" + field.name.replace("_", "-")
+        if dataclasses.is_dataclass(value):
+            options += _options(value, usual)
+        elif value != usual and isinstance(value, bool):
+            options.append(flag if value else f"--no-{flag[2:]}")
+        elif value != usual:
+            options += [flag, *map(str, value if isinstance(value, tuple) else (value,))]
+    return options
+
+
+def _evaluate(config: ReproduceConfig, name: str, path: str, trained_by: str | None) -> Made:
+    recipe = RECIPES[name]
+    asked = EvaluateConfig(
+        policy=path,
+        scenes=config.scenes(recipe.test_scenes),
+        rollouts=config.resources().rollouts,
+        seed=config.seed,
+        out=config.out / f"{name}.json",
+        threads=config.threads,
+        protocol=config.protocol,
+        perturbed=config.perturbed,
+        shapes=(recipe.shape,),
+    )
+    required = ["--policy", path, "--scenes", *asked.scenes]
+    options = _options(asked, EvaluateConfig(policy=path, scenes=asked.scenes))
+    command = shlex.join(["hotice", "evaluate", *required, *options])
+    return Made(report=evaluate(asked), evaluated_by=command, trained_by=trained_by)
+
+
+def _check_presets(given: Mapping[str, str]) -> None:
+    for name, path in given.items():
+        preset, needed = load_policy(path, threads=1).meta["preset"], RECIPES[name].preset
+        if preset != needed:
+            raise InvalidConfig(f"{name}={path}: was trained as {preset!r}, the tables need {needed!r}")
+
+
+def _check_scenes(config: ReproduceConfig, names: Sequence[str]) -> None:
+    """Raises `HoticeError` before anything is trained for scenes that are needed in the end and cannot be had."""
+    for kind in dict.fromkeys(k for name in names for k in (RECIPES[name].train_scenes, RECIPES[name].test_scenes)):
+        resolve_scenes(config.scenes(kind))
+
+
+def _record(config: ReproduceConfig, path: str) -> TrainedOn:
+    """What the generalist was trained on. Raises `CheckpointError` or `InvalidConfig`, see `whole_record`."""
+    return whole_record(load_policy(path, threads=1).meta, path, config.trained_on)
+
+
+def _unseen(config: ReproduceConfig, path: str, made: Made) -> dict[str, Any]:
+    """Similarities, points, groups and fits; draws the figure."""
+    from hotice.commands.unseen import compared, unseen_points
+    from hotice.commands.unseen_views import draw_unseen
+
+    nearest = compared(resolve_scenes(config.unseen), _record(config, path))
+    result = unseen_points(nearest, made.report)
+    draw_unseen(result, config.out / "unseen.png")
+    return result

@@ -1,0 +1,242 @@
+"""Scenes: import them from maps, look at them, check them, list and generate them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from hotice.errors import HoticeError, InvalidConfig
+from hotice.files import check_writable
+from hotice.model.importers.front3d_scenes import Front3dConfig
+from hotice.model.importers.options import ImportOptions
+
+if TYPE_CHECKING:
+    from hotice.model import Scene
+
+Flat = tyro.conf.OmitArgPrefixes
+Items = Annotated[tuple[str, ...], tyro.conf.Positional]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportConfig(ImportOptions):
+    """One import."""
+
+    map: tyro.conf.Positional[Path]
+    """Point cloud (.pcd, .ply) or mesh (.obj, .stl, .off, .glb, .ply)."""
+    out: Path = Path("scene.json")
+    """Scene file to write; a picture `.png` of what was kept is written beside it."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.out.suffix != ".json":
+            raise InvalidConfig(f"out is {str(self.out)!r}: a .json file is needed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowConfig:
+    """Scenes to look at."""
+
+    scenes: Items
+    """Names, files, folders or family:NAME:COUNT[:SEED]; several are laid out side by side."""
+    html: Path | None = None
+    """Write the page here and return, instead of serving it until Ctrl-C."""
+    port: int = 7000
+    """Port on this machine; 0: any free one."""
+    arrows: bool = False
+    """Draw both guidance fields at pelvis height."""
+    robot: bool = True
+    """Draw the robot where it starts."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.port < 65536:
+            raise InvalidConfig(f"port is {self.port!r}: 0 to 65535 are allowed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerateConfig:
+    """Scenes to generate."""
+
+    families: Items
+    """family:NAME:COUNT[:SEED]."""
+    out: Path = Path("scenes")
+    """Folder for one file per scene."""
+
+
+def import_map(config: Flat[ImportConfig]) -> int:
+    """Make a scene of a point cloud or mesh."""
+    from rich.console import Console
+
+    from hotice.model.importers.scene_import import import_scene
+    from hotice.replay.import_picture import write_import_picture
+
+    picture = config.out.with_suffix(".png")
+    check_writable(config.out)
+    check_writable(picture)
+    console = Console(highlight=False)
+    with console.status(f"importing {config.map}"):
+        imported = import_scene(config.map, config)
+        imported.scene.save(config.out)
+        write_import_picture(imported, picture)
+    for name, text in imported.notes.items():
+        console.print(f"{name:>10}: {text}", markup=False, soft_wrap=True)
+    for name, path in (("scene", config.out), ("picture", picture)):
+        console.print(f"{name:>10}: {path}", markup=False, soft_wrap=True)
+    return 0
+
+
+def import_front3d(config: Flat[Front3dConfig]) -> int:
+    """Crop scenes from a house of the 3D-FRONT data set."""
+    from hotice.model.importers import front3d_scenes
+
+    return front3d_scenes.import_front3d(config)
+
+
+def show(config: Flat[ShowConfig]) -> int:
+    """Open scenes in meshcat."""
+    from hotice.files import write_text
+    from hotice.replay.scene_view import page_server, scene_page
+
+    if config.html is not None:
+        check_writable(config.html)
+    page = scene_page(_resolve(config.scenes), robot=config.robot, arrows=config.arrows)
+    if config.html is not None:
+        print(write_text(config.html, page))
+        return 0
+    with page_server(page, config.port) as server, contextlib.suppress(KeyboardInterrupt):
+        print(f"http://127.0.0.1:{server.server_port}/ (Ctrl-C ends)", flush=True)
+        server.serve_forever()
+    return 0
+
+
+def check(scenes: Items) -> int:
+    """Say which scenes are valid, reachable and traversable; status 1 when one is not.
+
+    Args:
+        scenes: Names, files, folders or family:NAME:COUNT[:SEED].
+    """
+    from rich.console import Console
+    from rich.progress import track
+    from rich.table import Table
+
+    if not scenes:
+        raise InvalidConfig("no scene is given: see `hotice scene list`")
+    table = Table("scene", "obstacles", "path [m]", "clearance [m]", "verdict", title="g ground, s side, o overhead")
+    console, bad = Console(), 0
+    for item, scene in track(list(_each(scenes)), "checking", transient=True, console=console):
+        row, ok = _verdict(scene) if not isinstance(scene, HoticeError) else (["", "", "", str(scene)], False)
+        table.add_row(item if isinstance(scene, HoticeError) else scene.name, *row, style=None if ok else "red")
+        bad += not ok
+    console.print(table)
+    return 1 if bad else 0
+
+
+def list_scenes() -> int:
+    """List the scenes, sets and families that hotice brings along."""
+    from rich.console import Console
+
+    from hotice.model.generate.families import FAMILIES
+    from hotice.model.scene import shipped_scenes, shipped_sets
+    from hotice.model.scene_sets import FAMILY_PREFIX
+
+    console = Console(highlight=False)
+    console.print("[bold]scenes[/]  " + ", ".join(shipped_scenes()))
+    sets = [f"{name} ({len(scenes)}: {scenes[0]} .. {scenes[-1]})" for name, scenes in shipped_sets().items()]
+    console.print("[bold]sets[/]  " + ", ".join(sets))
+    console.print(
+        f"[bold]families[/]  {FAMILY_PREFIX}NAME:COUNT or {FAMILY_PREFIX}NAME:COUNT:SEED, NAME being one of "
+        + ", ".join(FAMILIES)
+    )
+    return 0
+
+
+def generate(config: Flat[GenerateConfig]) -> int:
+    """Write generated scenes as files and report the rejected draws."""
+    from rich.console import Console
+
+    from hotice.files import make_folder
+    from hotice.model.generate.families import generate_from_text
+    from hotice.model.scene_sets import FAMILY_PREFIX
+
+    if not config.families:
+        raise InvalidConfig(f"no family is given: {FAMILY_PREFIX}NAME:COUNT or ...:SEED, see `hotice scene list`")
+    wrong = [item for item in config.families if not item.startswith(FAMILY_PREFIX)]
+    if wrong:
+        raise InvalidConfig(f"{wrong[0]!r} is no family: {FAMILY_PREFIX}NAME:COUNT or ...:SEED is needed")
+    console = Console(highlight=False)
+    with console.status("generating"):
+        made = [generate_from_text(item.removeprefix(FAMILY_PREFIX)) for item in config.families]
+    scenes = [scene for part in made for scene in part.scenes]
+    twice = [name for name, count in Counter(s.name for s in scenes).items() if count > 1]
+    if twice:
+        raise InvalidConfig(f"two scenes are named {twice[0]!r}: write them to different folders")
+    make_folder(config.out)
+    for scene in scenes:
+        scene.save(config.out / f"{scene.name}.json")
+    rejected = [r for part in made for r in part.rejected]
+    for r in rejected:
+        console.print(f"rejected {r.scene}, draw {r.draw}: {r.reason}", markup=False, soft_wrap=True)
+    console.print(f"{len(scenes)} scenes in {config.out}, {len(rejected)} draws rejected", markup=False, soft_wrap=True)
+    return 0
+
+
+COMMANDS = {
+    "import": import_map,
+    "import-front3d": import_front3d,
+    "show": show,
+    "check": check,
+    "list": list_scenes,
+    "generate": generate,
+}
+
+
+def main(argv: Sequence[str]) -> int:
+    """Runs `hotice scene`; the caller reports a `HoticeError`."""
+    return tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="hotice scene", description=__doc__) or 0
+
+
+def _resolve(items: Sequence[str]) -> list[Scene]:
+    from hotice.model.scene_sets import resolve_scenes
+
+    if not items:
+        raise InvalidConfig("no scene is given: see `hotice scene list`")
+    return resolve_scenes(items)
+
+
+def _each(items: Sequence[str]):
+    """(item, scene) of all items, or (item, error) where one cannot be had; files of a folder one by one."""
+    for item in items:
+        files = sorted(Path(item).glob("*.json")) if Path(item).is_dir() else []
+        for part in map(str, files) if files else [item]:
+            try:
+                yield from ((part, scene) for scene in _resolve([part]))
+            except HoticeError as error:
+                yield part, error
+
+
+def _verdict(scene: Scene) -> tuple[list[str], bool]:
+    """Columns after the name, and whether all is well."""
+    import numpy as np
+
+    from hotice.errors import UnreachableGoal
+    from hotice.fields import build_hod_pf
+    from hotice.fields.reachability import check_reachable
+    from hotice.model.generate.traversable import check_traversable
+    from hotice.model.scene import GOAL_HEIGHT_M
+
+    counts = Counter(o.category[0] for o in scene.obstacles)
+    obstacles = " ".join(f"{counts[kind]}{kind}" for kind in "gso" if counts[kind]) or "none"
+    try:
+        check_reachable(scene)
+    except UnreachableGoal as error:
+        return [obstacles, "", "", str(error)], False
+    pelvis = np.array([*scene.start[:2], GOAL_HEIGHT_M])
+    length = float(build_hod_pf(scene).sgf.extended_geodesic_distance(pelvis))
+    traversal = check_traversable(scene)
+    row = [obstacles, f"{length:.2f}", f"{traversal.clearance_m:.2f}", "ok" if traversal.ok else traversal.reason]
+    return row, traversal.ok

@@ -1,0 +1,1 @@
+"""First guesses of a pick-up's postures, by Gauss-Newton on the kinematics."""

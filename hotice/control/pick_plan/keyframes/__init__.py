@@ -1,0 +1,1 @@
+"""Keyframes of a pick-up, by Drake's inverse kinematics."""

@@ -1,0 +1,194 @@
+"""Steps with an object in the hands, on a course known from the start: back, and turning.
+
+The zero-moment point rests under the standing foot while the other swings and moves over while both stand; the centre
+of mass is the only course p = c − (h/g) c̈ that has it and stays bounded, solved as one banded system. The body moves
+as one piece. Linear inverted pendulum: Kajita et al., Biped walking pattern generation by using preview control of
+zero-moment point, 2003.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.control.pickup.path import ease
+from hotice.errors import InvalidConfig
+
+Array = NDArray[np.float64]
+GRAVITY = 9.81
+SOLE_AHEAD_M = 0.035  # middle of the sole ahead of the ankle
+INWARD_M = 0.008  # where the weight rests: from the middle of the sole towards the other foot
+SWING_HEIGHT_M = 0.04
+FIRST_S, SWING_S, BOTH_S, LAST_S = 0.8, 0.45, 0.2, 0.8
+LANDING_S = 0.2  # after a swing, in which its foot may still look for the floor
+GRID_S = 0.005
+STEP_M, STEP_RAD = 0.15, 0.35  # longest steps
+FARTHEST_M = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Departure:
+    """How far to step back [m] and to turn, left positive [rad]. Raises `InvalidConfig`."""
+
+    back_m: float = 0.0
+    turn_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.back_m) and 0.0 <= self.back_m <= FARTHEST_M):
+            raise InvalidConfig(f"back_m is {self.back_m!r}: 0 to {FARTHEST_M:g} m are allowed")
+        if not (np.isfinite(self.turn_rad) and abs(self.turn_rad) <= np.pi):
+            raise InvalidConfig(f"turn_rad is {self.turn_rad!r}: -pi to pi are allowed")
+
+    def stances(self) -> list[tuple[float, float]]:
+        """(back [m], turn [rad]) after each pair of steps; empty where there is nothing to do.
+
+        The first half of the way back is straight, so that the load is clear of the support before it turns.
+        """
+        count = math.ceil(max(self.back_m / STEP_M, abs(self.turn_rad) / STEP_RAD, 0.0) - 1e-9)
+        backs = max(math.ceil(self.back_m / STEP_M - 1e-9), 1)
+        turns = max(math.ceil(abs(self.turn_rad) / STEP_RAD - 1e-9), 1)
+        straight = min(backs // 2, max(count - 1, 0)) if self.turn_rad else 0
+        count = max(backs, straight + turns) if count else 0
+        found = []
+        for k in range(1, count + 1):
+            turned = min(max(k - straight, 0) / turns, 1.0)
+            found.append((self.back_m * min(k / backs, 1.0), self.turn_rad * turned))
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Swing:
+    """A foot on its way from one pose (x, y, z, yaw) of the ankle to another, from `begin_s` on."""
+
+    begin_s: float
+    foot: int
+    start: Array
+    end: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """Where the body is: shift (2,) of its centre of mass since the start [m], acceleration (2,), turn [rad] since
+    then.
+    """
+
+    shift: Array
+    acceleration: Array
+    turn_rad: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Feet:
+    """pose, velocity (2, 4): x, y, z, yaw of the ankles; air, landed: foot that swings, foot just landed, or -1."""
+
+    pose: Array
+    velocity: Array
+    air: int
+    landed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """See `plan_steps`. feet (2, 4) at the start; com, com_acc (T, 2) every `GRID_S`; turns: (time, turn) in order."""
+
+    swings: tuple[Swing, ...]
+    feet: Array
+    com: Array
+    com_acc: Array
+    turns: tuple[tuple[float, float], ...]
+
+    @property
+    def seconds(self) -> float:
+        """Length of the whole."""
+        return (len(self.com) - 1) * GRID_S
+
+    def body_at(self, time_s: float) -> Body:
+        """Place and heading of the body."""
+        place = min(max(time_s / GRID_S, 0.0), len(self.com) - 1.0)
+        i = min(int(place), len(self.com) - 2)
+        s, com, acc = place - i, self.com, self.com_acc
+        shift = (1 - s) * com[i] + s * com[i + 1] - com[0]
+        return Body(shift=shift, acceleration=(1 - s) * acc[i] + s * acc[i + 1], turn_rad=self._turn(time_s))
+
+    def _turn(self, time_s: float) -> float:
+        (begin, turn), *rest = self.turns
+        for end, new in rest:
+            if time_s < end:
+                return turn + ease((time_s - begin) / (end - begin)) * (new - turn)
+            begin, turn = end, new
+        return turn
+
+    def feet_at(self, time_s: float) -> Feet:
+        """Where the feet are."""
+        pose, velocity, air, landed = self.feet.copy(), np.zeros((2, 4)), -1, -1
+        for swing in self.swings:
+            share = (time_s - swing.begin_s) / SWING_S
+            if share < 0.0:
+                break
+            s = ease(share)
+            pose[swing.foot] = swing.start + s * (swing.end - swing.start)
+            if share < 1.0:
+                air = swing.foot
+                pose[air, 2] += SWING_HEIGHT_M * math.sin(math.pi * s) ** 2
+                rate = 30.0 * share**2 * (1.0 - share) ** 2 / SWING_S
+                velocity[air] = rate * (swing.end - swing.start)
+                velocity[air, 2] += rate * SWING_HEIGHT_M * math.pi * math.sin(2.0 * math.pi * s)
+            elif time_s < swing.begin_s + SWING_S + LANDING_S:
+                landed = swing.foot
+        return Feet(pose=pose, velocity=velocity, air=air, landed=landed)
+
+
+def plan_steps(feet: Array, com: Array, height_m: float, departure: Departure) -> Course:
+    """Course of stepping back along the heading of the feet and turning.
+
+    Args:
+        feet: (2, 4) ankles, left and right: x, y, z [m], yaw [rad]. com: (2,) centre of mass of robot and load, at
+            rest.
+        height_m: of the centre of mass above the soles. departure: how far.
+    """
+    yaw = float(feet[:, 3].mean())
+    ahead = np.array([math.cos(yaw), math.sin(yaw)])
+    middle = feet[:, :2].mean(axis=0) + SOLE_AHEAD_M * ahead
+    now, swings, t = feet.copy(), [], FIRST_S
+    times, zmp, turns, end = [0.0, 0.3 * FIRST_S], [com, com], [(0.0, 0.0), (FIRST_S, 0.0)], com
+    order = (1, 0) if departure.turn_rad < 0 else (0, 1)  # the foot on the inner side opens the turn
+    for back, turn in departure.stances():
+        R, to = _turned(turn), middle - back * ahead
+        goal = np.column_stack([to + (feet[:, :2] - middle) @ R.T, feet[:, 2], feet[:, 3] + turn])
+        end = to + R @ (com - middle)
+        for foot in order:
+            stance = now[1 - foot, :2] + _turned(now[1 - foot, 3]) @ [SOLE_AHEAD_M, INWARD_M * (1 - 2 * foot)]
+            swings.append(Swing(begin_s=t, foot=foot, start=now[foot].copy(), end=goal[foot]))
+            times += [t, t + SWING_S]
+            zmp += [stance, stance]
+            now[foot] = goal[foot]
+            t += SWING_S + BOTH_S
+        turns.append((t - BOTH_S, turn))
+    times += [t - BOTH_S + 0.5 * LAST_S, t - BOTH_S + LAST_S]
+    zmp += [end, end]
+    grid = np.arange(0.0, times[-1] + 1e-9, GRID_S)
+    p = np.stack([np.interp(grid, times, np.array(zmp)[:, i]) for i in range(2)], axis=1)
+    course = _pendulum(p, height_m)
+    acceleration = GRAVITY / height_m * (course - p)
+    acceleration[[0, -1]] = 0.0
+    return Course(swings=tuple(swings), feet=feet.copy(), com=course, com_acc=acceleration, turns=tuple(turns))
+
+
+def _turned(yaw: float) -> Array:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s], [s, c]])
+
+
+def _pendulum(p: Array, height_m: float) -> Array:
+    """Centre of mass (T, 2) whose zero-moment point is p (T, 2), starting and ending over it."""
+    from scipy.linalg import solve_banded
+
+    k = height_m / GRAVITY / GRID_S**2
+    n = len(p)
+    bands = np.zeros((3, n))
+    bands[0, 2:], bands[1, 1:-1], bands[2, :-2] = -k, 1.0 + 2.0 * k, -k
+    bands[1, [0, -1]] = 1.0
+    return solve_banded((1, 1), bands, p)

@@ -1,0 +1,1 @@
+"""What counts: scored trials of policies and of the walking baseline, referees, seeds, statistics, reports."""

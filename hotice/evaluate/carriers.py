@@ -1,0 +1,68 @@
+"""Who carries in an evaluation: a policy, or the walking baseline, which is planned from a model."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from hotice.control.walk.config import WalkConfig
+from hotice.errors import MissingExtra
+from hotice.learn.policy import Policy, load_policy
+from hotice.sim.threads import one_thread
+
+if TYPE_CHECKING:
+    from hotice.evaluate.run import EvaluateConfig
+
+Carrier = Policy | WalkConfig
+"""What trials are made with."""
+CONTROLLERS = ("policy", "walk")
+WALK_NEEDS = ("pinocchio", "proxsuite")
+
+
+def load_carrier(config: EvaluateConfig) -> Carrier:
+    """Whom an evaluation scores. Raises `CheckpointError`, `UnknownName`, and `MissingExtra` where the walk cannot
+    run.
+    """
+    if config.policy is not None:
+        return load_policy(config.policy, threads=1)
+    for package in WALK_NEEDS:
+        if find_spec(package) is None:
+            raise MissingExtra("the walking baseline", package, "drake")
+    return WalkConfig()
+
+
+def digest(carrier: Carrier) -> str:
+    """SHA-256 of whatever decides what a carrier does in a trial."""
+    if isinstance(carrier, WalkConfig):
+        return hashlib.sha256(json.dumps(asdict(carrier), sort_keys=True).encode()).hexdigest()
+    return policy_digest(carrier)
+
+
+def policy_digest(policy: Policy) -> str:
+    """SHA-256 of what a policy says of itself and of what it does at 64 random observations."""
+    size = sum(width for _, width in policy.meta["layout"])
+    generator = torch.Generator().manual_seed(0)
+    with one_thread():
+        actions = policy.act(torch.randn(64, size, generator=generator))
+    said = json.dumps(policy.meta, sort_keys=True, default=str)
+    return hashlib.sha256(said.encode() + actions.contiguous().numpy().tobytes()).hexdigest()
+
+
+def described(carrier: Carrier) -> dict[str, Any]:
+    """What a report says of a carrier, JSON-ready; `policy` and `preset` of the walk are None, its numbers are under
+    `walk`.
+    """
+    if isinstance(carrier, WalkConfig):
+        return {"controller": "walk", "policy": None, "trained": {}, "preset": None, "walk": asdict(carrier)}
+    meta = carrier.meta
+    return {
+        "controller": "policy",
+        "policy": carrier.name,
+        "trained": meta.get("trained", {}),
+        "preset": meta["preset"],
+    }

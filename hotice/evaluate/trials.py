@@ -1,0 +1,227 @@
+"""What came of trials, and where they are kept while an evaluation runs."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from hotice.errors import InputError
+from hotice.files import make_folder, read_bytes, write_text
+
+CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan")
+PLURAL = {
+    "robot_collision": "robot_collisions",
+    "object_collision": "object_collisions",
+    "fall": "falls",
+    "drop": "drops",
+    "timeout": "timeouts",
+    "unstable": "unstable",
+    "no_plan": "no_plans",
+}
+MAX_FILE_BYTES = 256 * 2**20
+DEEP_M = 0.005
+"""Contacts within the robot that are deeper are counted apart: so far two links may yield to each other in the
+simulation."""
+
+
+OPTIONAL = ("distance_at_limit_m", "standing", "stayed", "points", "self_depth_m")
+"""Fields of `Trials` that may be empty: earlier versions lacked them, and `points` where the exact referee was
+alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trials:
+    """Trials of one scene: outcome (of `OUTCOMES`, or `no_plan`), root to goal at the end [m], and duration [s] of
+    each.
+
+    distance_at_limit_m: root to goal at the time limit, of failures at their end. standing, stayed: whether the robot
+    has arrived and goes on standing there, see `hotice.evaluate.referees.afterwards`. points: outcome by the points
+    rule.
+    self_depth_m: how deep parts of the robot were in each other at most.
+    """
+
+    outcome: tuple[str, ...] = ()
+    distance_m: tuple[float, ...] = ()
+    time_s: tuple[float, ...] = ()
+    distance_at_limit_m: tuple[float, ...] = ()
+    standing: tuple[bool, ...] = ()
+    stayed: tuple[bool, ...] = ()
+    points: tuple[str, ...] = ()
+    self_depth_m: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, values in vars(self).items():
+            if len(values) != len(self.outcome) and (values or name not in OPTIONAL):
+                raise ValueError(f"{len(self.outcome)} outcomes, {len(values)} values of {name}")
+
+    @classmethod
+    def joined(cls, parts: Iterable[Trials]) -> Trials:
+        """All trials of all parts, in order; what a part lacks, all lack."""
+        parts = [p for p in parts if p.rollouts]
+        known = [f.name for f in fields(cls) if all(getattr(p, f.name) for p in parts)]
+        return cls(**{name: tuple(v for p in parts for v in getattr(p, name)) for name in known})
+
+    def rounded(self, digits: int) -> Trials:
+        """The same with distances of so many digits."""
+        names = ("distance_m", "distance_at_limit_m", "self_depth_m")
+        return replace(self, **{name: tuple(round(d, digits) for d in getattr(self, name)) for name in names})
+
+    @property
+    def rollouts(self) -> int:
+        """How many."""
+        return len(self.outcome)
+
+    @property
+    def successes(self) -> int:
+        """How many succeeded."""
+        return self.outcome.count("success")
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """How many ended how."""
+        return dict(Counter(self.outcome))
+
+    def rates(self) -> dict[str, Any]:
+        """Success rate with its 95 % Wilson interval and mean distance [m]; the same at the time limit; the points
+        rule's view.
+
+        Of the arrivals, the shares that stand at the limit and that have stayed for a second. None: nobody looked, or
+        arrived.
+        """
+        limit, arrived = self.distance_at_limit_m, self.successes
+        return {
+            **_rate(self.successes, self.rollouts),
+            "mean_distance_m": sum(self.distance_m) / max(1, self.rollouts),
+            "mean_distance_at_limit_m": sum(limit) / len(limit) if limit else None,
+            "standing_share": sum(self.standing) / arrived if self.standing and arrived else None,
+            "stayed_share": sum(self.stayed) / arrived if self.stayed and arrived else None,
+            "points": self._by_points(),
+            "self_contact": self._within(),
+        }
+
+    def _within(self) -> dict[str, float] | None:
+        """Share of trials with contact within the robot, with one deeper than `DEEP_M`, and the deepest of all [m]."""
+        depth = self.self_depth_m
+        if not depth:
+            return None
+        share = {
+            name: sum(d > least for d in depth) / len(depth) for name, least in (("share", 0.0), ("deep_share", DEEP_M))
+        }
+        return share | {"deepest_m": max(depth)}
+
+    def _by_points(self) -> dict[str, Any] | None:
+        if not self.points:
+            return None
+        counts = {PLURAL[c]: self.points.count(c) for c in CAUSES}
+        return _rate(self.points.count("success"), len(self.points)) | counts
+
+    def summary(self) -> dict[str, Any]:
+        """Rates, mean duration of successes [s] and failures by cause."""
+        times = [t for t, o in zip(self.time_s, self.outcome, strict=True) if o == "success"]
+        return {
+            "rollouts": self.rollouts,
+            **self.rates(),
+            "mean_success_time_s": sum(times) / len(times) if times else None,
+            **{PLURAL[c]: self.outcome.count(c) for c in CAUSES},
+        }
+
+
+def _rate(successes: int, trials: int) -> dict[str, Any]:
+    low, high = success_interval(successes, trials)
+    return {"success_rate": successes / max(1, trials), "success_interval_95": [round(low, 4), round(high, 4)]}
+
+
+def success_interval(successes: int, trials: int) -> tuple[float, float]:
+    """95 % Wilson score interval of a rate (Wilson 1927); (0, 1) without trials."""
+    from scipy.stats import binomtest
+
+    if trials == 0:
+        return 0.0, 1.0
+    found = binomtest(successes, trials).proportion_ci(0.95, "wilson")
+    return float(found.low), float(found.high)
+
+
+def read_trials(folder: Path) -> dict[str, Trials]:
+    """Trials that an evaluation kept in `folder`, OUT.trials, by scene. Raises `InputError`."""
+    files = sorted(folder.glob("scene-*.json"))
+    if not files:
+        raise InputError(
+            f"{folder}: no file scene-*.json: the folder OUT.trials of `hotice evaluate --out OUT` is needed"
+        )
+    found = {}
+    for file in files:
+        name, blocks = _read_blocks(file)
+        found[name] = Trials.joined(blocks[b] for b in sorted(blocks))
+    return found
+
+
+def _read_blocks(file: Path) -> tuple[str, dict[int, Trials]]:
+    """Name of the scene and its trials by block. Raises `InputError`."""
+    try:
+        content = json.loads(read_bytes(file, MAX_FILE_BYTES))
+        blocks = {int(b): Trials(**{k: tuple(v) for k, v in values.items()}) for b, values in content["blocks"].items()}
+        if not all(trials.rollouts for trials in blocks.values()):
+            raise ValueError("a block without trials")
+        return str(content.get("name", file.stem)), blocks
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(
+            f"{file}: is no file of trials (changed or damaged): remove it to run its trials anew"
+        ) from None
+
+
+class TrialStore:
+    """Folder of an evaluation that is not over: `settings.json` and one file a scene, each rewritten as blocks end.
+
+    Trials that are there count only when they were made with the same settings; otherwise they are removed, so that
+    results of different policies, seeds or settings never mix.
+    """
+
+    def __init__(self, folder: Path, settings: dict[str, Any], scenes: list[str]) -> None:
+        self.folder, self.scenes = make_folder(folder), scenes
+        self.blocks: dict[tuple[int, int], Trials] = {}
+        text = json.dumps(settings, indent=1, sort_keys=True) + "\n"
+        self.changed = self._differing(text)
+        if self.changed:
+            for file in self.folder.glob("scene-*.json"):
+                file.unlink()
+        else:
+            for index in range(len(scenes)):
+                self._load(index)
+        write_text(self.folder / "settings.json", text)
+
+    def add(self, scene: int, block: int, trials: Trials) -> None:
+        """Keeps a block of a scene. Raises `OutputError`."""
+        self.blocks[scene, block] = trials
+        done = sorted(b for s, b in self.blocks if s == scene)
+        content = {
+            "name": self.scenes[scene],
+            **Trials.joined(self.blocks[scene, b] for b in done).summary(),
+            "blocks": {b: vars(self.blocks[scene, b]) for b in done},
+        }
+        write_text(self._file(scene), json.dumps(content) + "\n")
+
+    def _file(self, scene: int) -> Path:
+        return self.folder / f"scene-{scene:03d}.json"
+
+    def _differing(self, text: str) -> list[str]:
+        """Names of the settings that are not those of the trials in the folder."""
+        if not (self.folder / "settings.json").exists():
+            return []
+        try:
+            old, new = json.loads(read_bytes(self.folder / "settings.json", MAX_FILE_BYTES)), json.loads(text)
+        except ValueError:
+            return ["settings.json"]
+        if not isinstance(old, dict):
+            return ["settings.json"]
+        return sorted(k for k in old.keys() | new.keys() if old.get(k) != new.get(k))
+
+    def _load(self, scene: int) -> None:
+        file = self._file(scene)
+        if not file.exists():  # none of this scene yet
+            return
+        _, blocks = _read_blocks(file)
+        self.blocks |= {(scene, block): trials for block, trials in blocks.items()}

@@ -1,0 +1,274 @@
+"""Geodesic distance to the goal among sharp walls, by fast marching with an exact local solver.
+
+Every node carries the point where its shortest path last bends (at first the goal). A node that sees a neighbour's bend
+is as far as that bend and the straight way to it; where an obstacle hides it, a string is pulled taut past the obstacle
+(`strings.py`). No differences are taken, so nothing is lost at the goal or at an edge (cf. Nash et al. 2007, "Theta*";
+Qi and Vladimirsky 2019 on singularities at corners): in free space and behind straight edges distance and gradient are
+exact. Along curved walls the string cuts the wall by O(h^2) and carries the curvature of its wave along (`bends.py`);
+the error of the distance falls with h^2.
+
+Obstacles (inflated by the margin) and the borders of the grid are walls. Nodes that no path reaches are infinite.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.compiled import compiled
+from hotice.fields.geodesic.bends import WIDTH, distance, reach, source
+from hotice.fields.geodesic.segments import blocker
+from hotice.fields.geodesic.shadows import FREE_M, see_goal
+from hotice.fields.geodesic.strings import join, pull
+from hotice.fields.solids import Space, distance_within
+
+_SLACK_PER_M2 = 20.0
+"""A path longer than the straight way to its bend by less than this times h^3 is not improved: what is lost at each of
+O(1/h) bends falls with h^2 in all."""
+
+
+def solve_geodesic(
+    space: Space, margin_m: float, goal_W: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distance of every node to the goal (inf: unreachable), (size,) [m], and its gradient, (size, 3).
+
+    The gradient is of length 1, and 0 where the distance is infinite. A goal inside the inflated obstacles is entered
+    from its nearest free node.
+    """
+    goal, start = _entry(space, margin_m, goal_W)
+    if not math.isfinite(start):
+        return np.full(len(space.sdf), np.inf), np.zeros((len(space.sdf), 3))
+    return _march(space, margin_m, goal, start)
+
+
+def _entry(space: Space, margin_m: float, goal_W: NDArray[np.float64]) -> tuple[tuple[float, float, float], float]:
+    """Where paths end and how far that is from the goal; inf when all is wall."""
+    x, y, z = goal_W.tolist()
+    if distance_within(space, x, y, z) - margin_m > FREE_M:
+        return (x, y, z), 0.0
+    free = np.flatnonzero(space.sdf - margin_m > FREE_M)
+    if not len(free):
+        return (x, y, z), math.inf
+    index = np.stack(np.unravel_index(free, (space.nx, space.ny, space.nz)), axis=-1)
+    p_W = np.array([space.ox, space.oy, space.oz]) + index * space.h
+    away = np.linalg.norm(p_W - goal_W, axis=1)
+    nearest = int(np.argmin(away))
+    return tuple(p_W[nearest].tolist()), float(away[nearest])
+
+
+@compiled(nogil=True, error_model="numpy")
+def _march(space, margin, goal, start):
+    """`solve_geodesic` from a free point `goal` that lies `start` from the true one."""
+    size = len(space.sdf)
+    dist = np.full(size, np.inf)
+    rows = np.empty((1024, WIDTH))
+    _set(rows, 0, source(goal, start))
+    used = 1
+    row_of = np.zeros(size, np.int32)
+    known = see_goal(space, margin, goal)
+    waiting = 0
+    for node in range(size):
+        if known[node]:
+            dist[node] = start + distance(goal, _position(space, node))
+        elif space.sdf[node] - margin > FREE_M:
+            waiting += 1
+    heap = np.empty(waiting, np.int32)
+    slot = np.full(size if waiting else 0, -1, np.int32)
+    certain = np.zeros(size if waiting else 0, np.bool_)
+    count = 0
+    if waiting:
+        for node in range(size):
+            if not known[node] and space.sdf[node] - margin > FREE_M and _beside(space, node, known):
+                dist[node] = start + distance(goal, _position(space, node))
+                slot[node] = count
+                count += 1
+                _sift_up(heap, slot, dist, node)
+    while count > 0:
+        node = heap[0]
+        if not certain[node]:
+            if used == len(rows):
+                rows = np.concatenate((rows, np.empty_like(rows)))
+            dist[node], row, new = _evaluate(space, margin, node, dist, rows, row_of, known)
+            if row < 0:
+                _set(rows, used, new)
+                row = used
+                used += 1
+            row_of[node] = row
+            certain[node] = True
+            _sift_down(heap, slot, dist, count, node)
+            continue
+        count -= 1
+        slot[node] = -1
+        if count > 0:
+            _sift_down(heap, slot, dist, count, heap[count])
+        if dist[node] < np.inf:
+            known[node] = True
+            count = _spread(space, margin, node, dist, _get(rows, row_of[node]), certain, known, heap, slot, count)
+    return dist, _slopes(space, dist, rows, row_of)
+
+
+@compiled(nogil=True, error_model="numpy")
+def _slopes(space, dist, rows, row_of):
+    """Gradient of the distance, (size, 3): away from the bend."""
+    gradient = np.zeros((len(dist), 3))
+    for node in range(len(dist)):
+        if dist[node] < np.inf:
+            p = _position(space, node)
+            b = (rows[0, 0], rows[0, 1], rows[0, 2])
+            if row_of[node] > 0:
+                b = reach(_get(rows, row_of[node]), p)[1]
+            away = distance(p, b)
+            if away > 0.0:
+                gradient[node, 0] = (p[0] - b[0]) / away
+                gradient[node, 1] = (p[1] - b[1]) / away
+                gradient[node, 2] = (p[2] - b[2]) / away
+    return gradient
+
+
+@compiled(inline="always", error_model="numpy")
+def _position(space, node):
+    i, k = node // (space.ny * space.nz), node % space.nz
+    j = node // space.nz - i * space.ny
+    return space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
+
+
+@compiled(inline="always", error_model="numpy")
+def _neighbour(space, node, side):
+    """Node beyond side 0 .. 5 of a node, -1 outside the grid."""
+    sx, sy = space.ny * space.nz, space.nz
+    i, k = node // sx, node % sy
+    j = node // sy - i * space.ny
+    if side == 0:
+        return node - sx if i > 0 else -1
+    if side == 1:
+        return node + sx if i < space.nx - 1 else -1
+    if side == 2:
+        return node - sy if j > 0 else -1
+    if side == 3:
+        return node + sy if j < space.ny - 1 else -1
+    if side == 4:
+        return node - 1 if k > 0 else -1
+    return node + 1 if k < space.nz - 1 else -1
+
+
+@compiled(nogil=True, error_model="numpy")
+def _beside(space, node, known):
+    """Whether a neighbour of `node` is known."""
+    for side in range(6):
+        other = _neighbour(space, node, side)
+        if other >= 0 and known[other]:
+            return True
+    return False
+
+
+@compiled(nogil=True, error_model="numpy")
+def _spread(space, margin, node, dist, row, certain, known, heap, slot, count):
+    """Queues the neighbours of a known node by the straight way to its bend; returns the length of the heap."""
+    slack = _SLACK_PER_M2 * space.h**3
+    for side in range(6):
+        other = _neighbour(space, node, side)
+        if other < 0 or known[other] or space.sdf[other] - margin <= FREE_M:
+            continue
+        least, _ = reach(row, _position(space, other))
+        if least < dist[other] - slack:
+            dist[other] = least
+            certain[other] = False
+            if slot[other] < 0:
+                slot[other] = count
+                count += 1
+            _sift_up(heap, slot, dist, other)
+    return count
+
+
+@compiled(nogil=True, error_model="numpy")
+def _evaluate(space, margin, node, dist, rows, row_of, known):
+    """(value, row, new): shortest path of `node` by way of its known neighbours; inf without any.
+
+    In this order: by a neighbour's bend that `node` sees, by a string pulled past the wall that hides one, and by a
+    step from a neighbour where no string is found. The path bends as row `row` says or, where that is -1, as `new`.
+    """
+    h = space.h
+    slack = _SLACK_PER_M2 * h * h * h
+    x = _position(space, node)
+    near, hidden, hider = np.full(6, np.inf), np.full(6, np.inf), np.full(6, -1)
+    for side in range(6):
+        other = _neighbour(space, node, side)
+        if other >= 0 and known[other]:
+            near[side], _ = reach(_get(rows, row_of[other]), x)
+    best, step = np.inf, np.inf
+    chosen, new = 0, _get(rows, 0)
+    while near.min() < min(best, step) - slack:
+        side = near.argmin()
+        other = _neighbour(space, node, side)
+        hidden[side] = near[side]
+        near[side] = np.inf
+        value, hider[side] = join(space, margin, _get(rows, row_of[other]), x, best)
+        if value < np.inf:
+            best = value
+            chosen = row_of[other]
+            hidden[side] = np.inf
+            continue
+        y = _position(space, other)
+        if space.sdf[node] + space.sdf[other] - 2.0 * margin < h and blocker(space, margin, y, x) >= 0:
+            hidden[side] = np.inf
+        elif dist[other] + h < min(best, step):
+            step = dist[other] + h
+            chosen, new = -1, source(y, dist[other])
+    tried = False
+    while hidden.min() < best - slack and not (tried and best < np.inf):
+        side = hidden.argmin()
+        other = _neighbour(space, node, side)
+        hidden[side] = np.inf
+        tried = True
+        row = _get(rows, row_of[other])
+        value, row = pull(space, margin, row, _position(space, other), x, hider[side], min(best, step))
+        if value < best:
+            best = value
+            chosen, new = -1, row
+    return min(best, step), chosen, new
+
+
+@compiled(inline="always", error_model="numpy")
+def _get(rows, n):
+    b = rows[n]
+    return (b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10])
+
+
+@compiled(inline="always", error_model="numpy")
+def _set(rows, n, row):
+    for i in range(WIDTH):
+        rows[n, i] = row[i]
+
+
+@compiled
+def _sift_up(heap, slot, dist, node):
+    i = slot[node]
+    while i > 0:
+        parent = (i - 1) >> 1
+        if dist[heap[parent]] <= dist[node]:
+            break
+        heap[i] = heap[parent]
+        slot[heap[i]] = i
+        i = parent
+    heap[i] = node
+    slot[node] = i
+
+
+@compiled
+def _sift_down(heap, slot, dist, count, node):
+    i = 0
+    while True:
+        child = 2 * i + 1
+        if child >= count:
+            break
+        if child + 1 < count and dist[heap[child + 1]] < dist[heap[child]]:
+            child += 1
+        if dist[heap[child]] >= dist[node]:
+            break
+        heap[i] = heap[child]
+        slot[heap[i]] = i
+        i = child
+    heap[i] = node
+    slot[node] = i

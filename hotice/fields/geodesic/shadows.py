@@ -1,0 +1,76 @@
+"""Which grid nodes see the goal, in compiled code: whole blocks of nodes at once, node by node along the shadow
+lines.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hotice.compiled import compiled
+from hotice.fields.geodesic.mesh_segments import stays_off
+from hotice.fields.geodesic.segments import DEPTH_PER_M, blocker, convex_clearance, depth_of, passes_box
+from hotice.fields.solids import MESH
+
+FREE_M = 1e-6
+"""Nodes closer to an obstacle than this count as inside."""
+_BLOCK = 8
+
+
+@compiled(nogil=True, error_model="numpy")
+def see_goal(space, margin, goal):
+    """Whether each node is free and sees the goal, (size,)."""
+    nx, ny, nz, h = space.nx, space.ny, space.nz, space.h
+    seen = np.zeros(len(space.sdf), np.bool_)
+    stack = [
+        (i, j, k, _BLOCK) for i in range(0, nx, _BLOCK) for j in range(0, ny, _BLOCK) for k in range(0, nz, _BLOCK)
+    ]
+    while len(stack):
+        i, j, k, width = stack.pop()
+        if i >= nx or j >= ny or k >= nz:
+            continue
+        if width == 1:
+            node = (i * ny + j) * nz + k
+            if space.sdf[node] - margin > FREE_M:
+                p = (space.ox + i * h, space.oy + j * h, space.oz + k * h)
+                seen[node] = blocker(space, margin, goal, p) < 0
+            continue
+        verdict = _beam(space, margin, goal, i, j, k, width)
+        if verdict > 0:
+            for a in range(i, min(i + width, nx)):
+                for b in range(j, min(j + width, ny)):
+                    seen[(a * ny + b) * nz + k : (a * ny + b) * nz + min(k + width, nz)] = True
+        elif verdict == 0:
+            half = width // 2
+            for part in range(8):
+                stack.append((i + half * (part >> 2), j + half * (part >> 1 & 1), k + half * (part & 1), half))
+    return seen
+
+
+@compiled(nogil=True, error_model="numpy")
+def _beam(space, margin, goal, i, j, k, width):
+    """1: all nodes of a block are free and see the goal, -1: none does, 0: undecided.
+
+    The way to a node r from the block's centre stays within r of the way to the centre.
+    """
+    solid, h = space.solid, space.h
+    half = 0.5 * (width - 1)
+    reach = math.sqrt(3.0) * half * h
+    centre = (space.ox + (i + half) * h, space.oy + (j + half) * h, space.oz + (k + half) * h)
+    touch = DEPTH_PER_M * h * h
+    verdict = 1
+    for n in range(len(solid)):
+        if not passes_box(solid, space.nodes, n, goal, centre, margin + reach + touch):
+            continue
+        if solid[n, 0] == MESH:
+            if verdict > 0 and not stays_off(space, n, goal, centre, margin + reach + touch):
+                verdict = 0
+            continue
+        umbra = -depth_of(solid, n, margin, h) - reach
+        s, _ = convex_clearance(solid, n, margin, goal, centre, umbra, reach + touch)
+        if s < umbra:
+            return -1
+        if s <= reach + touch:
+            verdict = 0
+    return verdict

@@ -1,0 +1,1 @@
+"""Learning: dual-agent PPO, distillation, fine-tuning, checkpoints."""

@@ -1,0 +1,1 @@
+"""Checkpoints: files, averages, merging, widening, and what a policy was trained on."""

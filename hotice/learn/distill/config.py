@@ -1,0 +1,71 @@
+"""Distillation and fine-tuning in numbers: training under what a robot would meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from hotice.errors import InvalidConfig
+from hotice.learn.train.config import PpoConfig, TrainConfig
+from hotice.task.config import TaskConfig
+
+
+def student_task() -> TaskConfig:
+    """The task of training with a population of robots: each carry state has its own dynamics."""
+    return replace(TrainConfig().task, carry_states=256)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistillConfig(TrainConfig):
+    """One distillation."""
+
+    out: Path = Path("runs/student")
+    """Folder of the run: checkpoints, TensorBoard events, configuration."""
+    teachers: tuple[Path, ...] = ()
+    """Specialists: checkpoints or runs. Each teaches in the scenes that it was trained on."""
+    generalist: Path | None = None
+    """Teacher of the scenes that no specialist knows."""
+    aggregate: int = 1
+    """Rollouts that are kept and learnt from together; 1: on-policy."""
+    exploration: float = 1.0
+    """Share of its standard deviation with which the student acts; 0: it acts by its mean."""
+    ppo: PpoConfig = field(default_factory=lambda: PpoConfig(learning_rate=5e-4))
+    """Optimiser; the learning rate stays what it is."""
+    perturbed: bool = True
+    """Noise, delays, pushes and uncertain dynamics as for students."""
+    task: TaskConfig = field(default_factory=student_task)
+    """Task."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.teachers and self.generalist is None:
+            raise InvalidConfig("no teachers: runs of specialists (teachers), of a generalist, or both are needed")
+        if not 1 <= self.aggregate <= 64:
+            raise InvalidConfig(f"aggregate is {self.aggregate!r}: 1 to 64 rollouts are allowed")
+        if not (np.isfinite(self.exploration) and 0.0 <= self.exploration <= 1.0):
+            raise InvalidConfig(f"exploration is {self.exploration!r}: a share between 0 and 1 is needed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FinetuneConfig(TrainConfig):
+    """Dual PPO that goes on from a student, in the student's task, with care."""
+
+    out: Path = Path("runs/finetuned")
+    """Folder of the run: checkpoints, TensorBoard events, configuration."""
+    critic_updates: int = 50
+    """First updates that train only the critics: they get to know the task before they lead the actors."""
+    ppo: PpoConfig = field(
+        default_factory=lambda: PpoConfig(learning_rate=2e-4, max_learning_rate=1e-3, target_kl=0.01)
+    )
+    """Optimiser: smaller steps than from nothing (ours)."""
+    perturbed: bool = True
+    """Noise, delays, pushes and uncertain dynamics as for students."""
+    task: TaskConfig = field(default_factory=student_task)
+    """Task."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.init is None:
+            raise InvalidConfig("no init: the checkpoint or run of a student is needed")

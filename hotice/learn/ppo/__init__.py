@@ -1,0 +1,1 @@
+"""Dual-agent PPO: networks, storage, advantages, losses, update (paper, section IV-B)."""

@@ -1,0 +1,200 @@
+"""Training in numbers. Sources: paper, CAT, FALCON, or ours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from hotice.errors import InvalidConfig, UnknownName
+from hotice.sim.physics import BACKENDS
+from hotice.sim.starts import NEAREST_M
+from hotice.task.config import TaskConfig, get_preset
+
+
+@dataclass(frozen=True, kw_only=True)
+class PpoConfig:
+    """Proximal policy optimisation."""
+
+    steps: int = 24
+    """Control steps per environment and update (FALCON)."""
+    epochs: int = 3
+    """Passes over a rollout (ours; CAT 4)."""
+    minibatches: int = 4
+    """Minibatches a pass (ours; CAT 32 of a far larger rollout)."""
+    gamma: float = 0.99
+    """Discount (FALCON)."""
+    lam: float = 0.95
+    """Decay of generalised advantages (CAT)."""
+    clip: float = 0.2
+    """Clipping of the probability ratio (CAT)."""
+    value_clip: float = 1.0
+    """Clipping of the value, in units of the return (ours)."""
+    learning_rate: float = 1e-3
+    """First learning rate; each agent's then follows its own KL divergence (FALCON)."""
+    max_learning_rate: float = 3e-3
+    """Upper limit of the learning rate (ours)."""
+    target_kl: float = 0.03
+    """Wished KL divergence of a minibatch from the rollout policy (ours; FALCON 0.01)."""
+    entropy: float = 0.0005
+    """Weight of the entropy bonus (ours; CAT 0.01)."""
+    value_weight: float = 1.0
+    """Weight of the value loss (ours)."""
+    mirror_weight: float = 0.5
+    """Weight of the mirror loss of the actors; 0 switches it off (ours)."""
+    max_grad_norm: float = 1.0
+    """Gradient clipping, per agent (FALCON)."""
+    min_std: float = 0.12
+    """Lower limit of the action's standard deviation (ours)."""
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "epochs", "minibatches"):
+            if int(getattr(self, name)) < 1:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
+        for name in ("gamma", "lam"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a number between 0 and 1 is needed")
+        for name in (
+            "clip",
+            "value_clip",
+            "learning_rate",
+            "max_learning_rate",
+            "target_kl",
+            "max_grad_norm",
+            "min_std",
+        ):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
+        for name in ("entropy", "value_weight", "mirror_weight"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """One training run."""
+
+    out: Path = Path("runs/latest")
+    """Folder of the run: checkpoints, TensorBoard events, configuration."""
+    preset: str = "dual_hodpf"
+    """Row of Table I: dual_hodpf, dual_sgf, single_hodpf, single_sgf."""
+    scenes: tuple[str, ...] = ("open_floor",)
+    """Scene names, files, folders, or families as `family:NAME:COUNT`."""
+    num_envs: int = 1024
+    """Parallel environments."""
+    updates: int = 1_000_000
+    """Stop after this many updates in all."""
+    max_minutes: float = 0.0
+    """Stop after this many minutes of this call; 0: no limit."""
+    resume: bool = False
+    """Go on from the newest checkpoint in `out`."""
+    init: Path | None = None
+    """Start from networks, normalisers and optimiser (not the counters) of this checkpoint or run; without the
+    optimiser where that served another objective (a student's, when PPO goes on from it)."""
+    critic_updates: int = 0
+    """First updates that train only the critics: they get to know the task before they lead the actors."""
+    curriculum: bool = True
+    """Draw scenes that still fail more often than solved ones."""
+    curriculum_distance_m: float = 0.0
+    """Start within this way of the goal, at least 0.3, and farther away as more episodes reach it; 0: at any
+    distance."""
+    curriculum_objects: float = 0.0
+    """Start with this share of the objects, the smallest, and larger ones as more episodes reach the goal; 0: with
+    all."""
+    seed: int = 0
+    """Seed of every random draw."""
+    checkpoint_minutes: float = 3.0
+    """Time between checkpoints."""
+    checkpoint_updates: int = 0
+    """Also checkpoint every so many updates; 0: no."""
+    physics: str = "mujoco"
+    """Simulator: "mujoco" on the CPU, "warp" on an NVIDIA GPU."""
+    device: str = "auto"
+    """Device of physics "warp" and of learning: a torch device; "auto": the GPU for "warp" where there is one, else the
+    CPU."""
+    threads: int = 0
+    """Threads of physics and torch; 0: all cores."""
+    hidden: tuple[int, ...] = (256, 128)
+    """Hidden layers of each actor."""
+    critic_hidden: tuple[int, ...] = (256, 128)
+    """Hidden layers of each critic."""
+    init_std: tuple[float, float] = (0.6, 0.3)
+    """First standard deviation of leg and arm actions."""
+    average: float = 0.98
+    """What is evaluated and exported is a running average of the weights: share of it that an update keeps, in the end
+    (ours);
+    0: the newest weights."""
+    ppo: PpoConfig = field(default_factory=PpoConfig)
+    """Optimiser."""
+    perturbed: bool = False
+    """Noise, delays, pushes and uncertain dynamics as for students (zero otherwise, or as given one by one)."""
+    task: TaskConfig = field(default_factory=lambda: TaskConfig(anywhere=0.7, end_at_goal=False))
+    """Task."""
+
+    def __post_init__(self) -> None:
+        if self.num_envs < 1:
+            raise InvalidConfig(f"num_envs is {self.num_envs!r}: at least 1 is needed")
+        if (self.num_envs * self.ppo.steps) % self.ppo.minibatches:
+            raise InvalidConfig(
+                f"{self.num_envs} environments x {self.ppo.steps} steps do not divide into {self.ppo.minibatches} "
+                "minibatches: change one of them"
+            )
+        for name in ("max_minutes", "checkpoint_minutes", "checkpoint_updates", "critic_updates", "threads", "seed"):
+            value = getattr(self, name)
+            if not 0 <= value < 2**63:  # also false for a value that is no number
+                raise InvalidConfig(f"{name} is {value!r}: a number from 0 to 2^63 - 1 is needed")
+        if self.updates < 1:
+            raise InvalidConfig(f"updates is {self.updates!r}: at least 1 is needed")
+        first_m, share = self.curriculum_distance_m, self.curriculum_objects
+        if first_m != 0 and not (np.isfinite(first_m) and first_m >= NEAREST_M):
+            raise InvalidConfig(
+                f"curriculum_distance_m is {first_m!r}: 0, or a distance of at least {NEAREST_M} is needed"
+            )
+        if not 0.0 <= share <= 1.0:
+            raise InvalidConfig(f"curriculum_objects is {share!r}: a share between 0 and 1 is needed")
+        for name in ("hidden", "critic_hidden"):
+            if not getattr(self, name) or min(getattr(self, name)) < 1:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: one or more sizes of at least 1 are needed")
+        if not all(np.isfinite(s) and s > 0 for s in self.init_std):
+            raise InvalidConfig(f"init_std is {self.init_std!r}: finite numbers above 0 are needed")
+        if not 0.0 <= self.average < 1.0:
+            raise InvalidConfig(f"average is {self.average!r}: a share from 0 to below 1 is needed")
+        if self.perturbed:
+            _check_students(self.task)
+        get_preset(self.preset)
+        if self.physics not in BACKENDS:
+            raise UnknownName("physics backend", self.physics, BACKENDS)
+        self.torch_device()
+        if not self.scenes:
+            raise InvalidConfig("no scenes: at least one name, file or folder is needed")
+
+    def torch_device(self) -> str:
+        """The device to use. Raises `InvalidConfig` for one that torch does not know or that is not there."""
+        if self.device == "auto":
+            return "cuda" if self.physics == "warp" and torch.cuda.is_available() else "cpu"
+        try:
+            kind = torch.device(self.device).type
+        except RuntimeError:
+            raise InvalidConfig(f"device is {self.device!r}: auto, cpu, cuda or cuda:N is needed") from None
+        if kind not in ("cpu", "cuda"):
+            raise InvalidConfig(f"device is {self.device!r}: auto, cpu, cuda or cuda:N is needed")
+        if kind == "cuda" and not torch.cuda.is_available():
+            raise InvalidConfig(f"device {self.device!r} is not there: torch sees no such GPU on this machine")
+        if kind == "cuda" and self.physics == "mujoco":
+            raise InvalidConfig("physics 'mujoco' runs on the CPU: give --physics warp with a GPU")
+        return self.device
+
+
+def _check_students(task: TaskConfig) -> None:
+    """Raises `InvalidConfig` where a source of perturbation is given by hand that `perturbed` would replace."""
+    exact, student = TaskConfig(), TaskConfig().perturbed()
+    for name in ("sensing", "dynamics", "push_m_s"):
+        if getattr(task, name) not in (getattr(exact, name), getattr(student, name)):
+            raise InvalidConfig(
+                f"{name} is given by hand, and perturbed takes the students' numbers in its place: give --no-perturbed, and "
+                "every source of perturbation by hand"
+            )

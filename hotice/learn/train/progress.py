@@ -1,0 +1,136 @@
+"""What a training run shows: a line of progress, a table now and then, TensorBoard, and one JSON line an update."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as RichProgress
+from torch.utils.tensorboard import SummaryWriter
+
+from hotice.errors import OutputError
+from hotice.files import make_folder, write_bytes
+from hotice.learn.train.config import TrainConfig
+
+SHOWN = (
+    "reward",
+    "length",
+    "share/reached",
+    "share/fall",
+    "share/drop",
+    "share/robot_collision",
+    "share/object_collision",
+)
+QUIET_S = 30.0
+LOG = "log.jsonl"
+
+
+class Progress:
+    """Context manager around a training run, of which `first` updates were done before.
+
+    Raises `OutputError` when the log cannot be written; what is in it by then stays.
+    """
+
+    def __init__(self, config: TrainConfig, first: int) -> None:
+        make_folder(config.out)
+        self.config = config
+        self.console = Console(stderr=True)
+        self.live = sys.stderr.isatty()
+        self.bar = RichProgress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[text]}"),
+            TimeElapsedColumn(),
+            console=self.console,
+            disable=not self.live,
+            transient=True,
+        )
+        limit = config.updates if not config.max_minutes else None
+        self.task = self.bar.add_task("training", total=limit, completed=first, text="")
+        with self._writing():
+            if config.resume:
+                keep_rows(config.out / LOG, first)
+            self.lines = open(config.out / LOG, "ab", buffering=0)  # noqa: SIM115 - closed in __exit__
+        self.printed = 0.0
+
+    def __enter__(self) -> Progress:
+        self.excepthook, threading.excepthook = threading.excepthook, self._quiet
+        try:
+            with self._writing():
+                self.writer = SummaryWriter(str(self.config.out / "tensorboard"))
+        except OutputError:
+            self.lines.close()
+            threading.excepthook = self.excepthook
+            raise
+        self.bar.start()
+        return self
+
+    def __exit__(self, kind: type | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self.bar.stop()
+        self.lines.close()
+        try:
+            with self._writing():
+                self.writer.close()
+        except OutputError:
+            if value is None:
+                raise
+        finally:
+            threading.excepthook = self.excepthook
+
+    def report(self, update: int, steps: int, minutes: float, log: dict[str, float]) -> None:
+        """Shows and stores the numbers of an update. Raises `OutputError`."""
+        row = {"update": update, "steps": steps, "minutes": round(minutes, 3)}
+        rest = (json.dumps(row | {k: round(float(v), 5) for k, v in log.items()}) + "\n").encode()
+        with self._writing():
+            while rest:  # a disk that fills up takes a part first
+                rest = rest[self.lines.write(rest) :]
+            for key, value in log.items():
+                self.writer.add_scalar(key, value, steps)
+        text = f"{steps / 1e6:.2f} M steps, {log['steps_per_s']:.0f}/s, " + ", ".join(
+            f"{k.removeprefix('share/')} {log[k]:.2f}" for k in SHOWN if k in log
+        )
+        self.bar.update(self.task, completed=update, text=text)
+        if not self.live and time.monotonic() - self.printed > QUIET_S:
+            self.note(f"update {update}: {text}")
+            self.printed = time.monotonic()
+
+    def note(self, text: str) -> None:
+        """Prints a line above the bar."""
+        self.console.print(text, highlight=False, soft_wrap=True)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise OutputError(f"cannot write the log in {self.config.out}: {error.strerror or error}") from None
+
+    def _quiet(self, args: threading.ExceptHookArgs) -> None:
+        """TensorBoard writes in a thread of its own, and raises in ours what went wrong there: once is enough."""
+        if not (isinstance(args.exc_value, OSError) and type(args.thread).__module__.startswith("tensorboard")):
+            self.excepthook(args)
+
+
+def keep_rows(path: Path, update: int) -> None:
+    """Removes from a log the rows after `update`, which will be made anew, and one that was cut short."""
+    if not path.exists():
+        return
+    lines = path.read_bytes().splitlines(keepends=True)
+    kept = [line for line in lines if line.endswith(b"\n") and _update_of(line) <= update]
+    if kept != lines:
+        write_bytes(path, b"".join(kept))
+
+
+def _update_of(line: bytes) -> float:
+    try:
+        return json.loads(line)["update"]
+    except (ValueError, KeyError, TypeError):
+        return float("inf")

@@ -1,0 +1,84 @@
+"""Fields, navigation command and goal as a percept shows them: the guidance part of the policy's input.
+
+The numpy twin of `TransportEnv._guide`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.fields.command import heading_error, navigation_command
+from hotice.fields.hod_pf import HodPf
+from hotice.model import g1
+from hotice.policy.percept import NUM_POINTS, NUM_SGF, Percept
+from hotice.policy.vectors import NamedVector
+from hotice.task.policy_task import PolicyTask
+from hotice.task.scan import NUM_SCAN, OFFSETS_M, ORIGIN
+
+Array = NDArray[np.float64]
+NUM_FIELD = NUM_POINTS + 8
+"""Points that read a field: 9 keypoints the SGF; hands and 8 object keypoints the object's field."""
+_FEET = [g1.SGF_KEYPOINTS.index(name) for name in ("left_foot", "right_foot")]
+_STEERED = [g1.SGF_KEYPOINTS.index(name) for name in g1.STEERED_KEYPOINTS]
+
+
+class FieldReading(NamedVector):
+    """What guides at one instant, all in W.
+
+    Attributes:
+        force_W: (19, 3) field vectors at nine keypoints, two hands, eight object keypoints [m/s].
+        distance: (19,) to the obstacles of the field that is read [m].
+        c_W: (3,) navigation command [m/s]; speed: (1,) commanded speed [m/s].
+        heading_error: (1,) from heading to command, fading out with the speed [rad].
+        goal_distance: (1,) root to goal, horizontally [m].
+        scan: (40,) signed distances at the points of `hotice.task.scan` [m]; zero for a task without the scan.
+    """
+
+    force_W: Array
+    distance: Array
+    c_W: Array
+    speed: Array
+    heading_error: Array
+    goal_distance: Array
+    scan: Array
+
+    SHAPES = {
+        "force_W": (NUM_FIELD, 3),
+        "distance": (NUM_FIELD,),
+        "c_W": (3,),
+        "speed": (1,),
+        "heading_error": (1,),
+        "goal_distance": (1,),
+        "scan": (NUM_SCAN,),
+    }
+
+
+def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
+    """Fields at the keypoints of a percept, and the command that they make."""
+    points = percept.p_WK.astype(np.float32)  # the environment samples in single precision
+    carried = np.concatenate([points[NUM_SGF:], percept.p_WOK.astype(np.float32)])
+    sgf, sgf_distance, _ = pf.sgf.query(points[:NUM_SGF])
+    ogf, ogf_distance, _ = (pf.ogf if task.object_field == "ogf" else pf.sgf).query(carried)
+    offset_W = pf.scene.goal_W[:2] - percept.p_WP[:2]
+    c_W, speed = navigation_command(
+        sgf[_STEERED].astype(np.float64), offset_W, pf.params.attraction, task.speed_m_s, task.stop_gain_hz
+    )
+    reading = FieldReading(np.empty(FieldReading.SIZE))
+    reading.force_W[:NUM_SGF], reading.force_W[NUM_SGF:] = sgf, ogf
+    reading.distance[:NUM_SGF], reading.distance[NUM_SGF:] = sgf_distance, ogf_distance
+    reading.c_W[:], reading.speed[0] = c_W, speed
+    reading.heading_error[0] = heading_error(c_W, speed, float(percept.yaw[0]), task.speed_m_s)
+    reading.goal_distance[0] = math.hypot(*offset_W.tolist())
+    reading.scan[:] = pf.sgf.query(_scan_points(percept).astype(np.float32))[1] if task.scan else 0.0
+    return reading
+
+
+def _scan_points(percept: Percept) -> Array:
+    """Where the robot looks, (40, 3) in W [m]: the numpy twin of `hotice.sim.scan.scan_points`."""
+    yaw = float(percept.yaw[0])
+    ahead, height = OFFSETS_M.T
+    origins = np.stack([*percept.p_WK[_FEET], percept.p_WP])[ORIGIN]
+    return np.stack([origins[:, 0] + math.cos(yaw) * ahead, origins[:, 1] + math.sin(yaw) * ahead, height], axis=1)

@@ -1,0 +1,113 @@
+"""Trying a policy in simulation from the very state in which it would take over, before it does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.policy.guidance import read_fields
+from hotice.policy.observation import Carrying, observe, remember
+from hotice.policy.percept import Percept, PerceptModel
+from hotice.systems.hand_over.stage import RehearsalStage
+from hotice.systems.joint_pd import pd_torque
+from hotice.systems.policy import next_action
+from hotice.systems.sensor_model import DRAWS, ESTIMATE, measure
+from hotice.systems.setup.rehearsal_config import RehearsalConfig
+from hotice.systems.signals import NQ
+from hotice.systems.state_adaptor import robot_state_of_mujoco
+from hotice.systems.station.plants import carry_servo
+from hotice.task import history
+from hotice.task.sensing import TRACK_TILT
+
+if TYPE_CHECKING:
+    from hotice.systems.station.make import Station
+
+Array = NDArray[np.float64]
+
+
+class Sensing:
+    """Noise of the station's sensors with random numbers of its own, and its encoders; delays are left out."""
+
+    def __init__(self, station: Station, number: int) -> None:
+        self._config, self._dt_s = station.config.sensing, station.task.control_dt_s
+        self._aligned = station.carry.carried.keypoints_world_aligned
+        self._rng = np.random.default_rng([station.config.seed, number])
+        self._estimate, self._count = np.zeros(ESTIMATE), 0
+        self._offset = carry_servo(station).offset
+
+    def __call__(self, true: Percept, keypoints: Callable[[Array], Array]) -> Percept:
+        """The next measurement; `keypoints`: see `measure`."""
+        cfg, dt_s, k = self._config, self._dt_s, self._count
+        if cfg.exact and not self._offset.any():
+            return true
+        hold = max(1, round(1.0 / (cfg.root_hz * dt_s))) if cfg.root_hz else 1
+        gain = min(1.0, dt_s / cfg.object_filter_s) if cfg.object_filter_s else 1.0
+        percept, self._estimate = measure(
+            true,
+            self._estimate,
+            self._rng.uniform(-1.0, 1.0, DRAWS),
+            cfg,
+            self._aligned,
+            self._offset,
+            keypoints=keypoints,
+            refresh=k % hold == 0,
+            gain=max(gain, 1.0 / (k + 1)),
+            tilt_gain=max(TRACK_TILT, 1.0 / (k + 1)),
+            hold_s=hold * dt_s,
+            dt_s=dt_s if k else 0.0,
+        )
+        self._count += 1
+        return percept
+
+
+class Rehearsal:
+    """Runs the station's policy in a model of robot, object, table and scene, under noise as that of the station's
+    sensors.
+
+    Called with a robot state (84,); returns an index into `VERDICTS`, the first failure among the tries.
+    """
+
+    def __init__(self, station: Station, config: RehearsalConfig | None = None) -> None:
+        self.config = config or RehearsalConfig()
+        self._station, self._task, self._pf = station, station.task, station.pf
+        self._stage = RehearsalStage(station)
+        self._substeps = round(station.task.control_dt_s / station.physics_dt_s)
+        self._percept_of = PerceptModel(station.carry.carried)
+        self._servo = carry_servo(station)
+
+    def __call__(self, state: Array) -> int:
+        for number, push in enumerate(self.config.push_m_s):
+            verdict = self._try(state, push, Sensing(self._station, number))
+            if verdict:
+                return verdict
+        return 0
+
+    def _try(self, state: Array, push_m_s: float, sensing: Sensing) -> int:
+        carry, task, model = self._station.carry, self._task, self._stage.model
+        data = mujoco.MjData(model)
+        q, qd, servo = data.qpos[7:27], data.qvel[6:26], self._servo
+        data.qpos[:], data.qvel[:] = self._stage.start(state, push_m_s)
+        carrying, action, phase = Carrying.of(carry), np.zeros(20), 0.0
+        past = np.zeros(task.history * history.FRAME)
+        for _ in range(round(self.config.horizon_s / task.control_dt_s)):
+            now = robot_state_of_mujoco(np.concatenate([data.qpos, data.qvel]), carry.wrist_pos)
+            percept = sensing(self._percept_of(now[:NQ], now[NQ:]), self._percept_of.keypoints_at(now[:NQ]))
+            reading = read_fields(self._pf, percept, task)
+            observation = observe(percept, reading, carrying, action, phase, task.scan, past)
+            past = remember(past, observation)
+            raw = self._station.policy.run(observation[None])[0].astype(float)
+            action = next_action(raw, task.action_limit)
+            phase = (phase + 2.0 * math.pi * task.gait_hz * task.control_dt_s) % (2.0 * math.pi)
+            target = carry.joint_target + task.action_scale * action - servo.offset
+            for _ in range(self._substeps):
+                data.ctrl[:] = pd_torque(target, q, qd, servo.kp, servo.kd, servo.limit)
+                mujoco.mj_step(model, data)
+            verdict = self._stage.verdict(data)
+            if verdict:
+                return verdict
+        return 0

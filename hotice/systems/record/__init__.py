@@ -1,0 +1,1 @@
+"""Records of a station: logs, rollouts, pictures, hand-over reports."""

@@ -1,0 +1,67 @@
+"""One run of a station until the object is at the goal, the robot fails or time is over, as a record to look at."""
+
+# pydrake's stubs type arrays as numpy does not:
+# pyright: reportIndexIssue=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from hotice.replay import RolloutRecord
+from hotice.systems.record.hand_over import HandOverReport, report_hand_over
+from hotice.systems.record.rollout import read_logs, to_record
+from hotice.systems.signals import OBJECT_POS
+from hotice.systems.station.make import Station
+
+PICK_S = 40.0
+"""Longest pick-up, steps away from the table included."""
+HELD_S, AT_GOAL_S, FALLEN_M, LOST_M, GOAL_M = 2.0, 0.6, 0.4, 0.25, 0.1
+CHECK_S = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A run: the record, and what is told of the hand-over where there is one."""
+
+    record: RolloutRecord
+    hand_over: HandOverReport | None
+
+
+def play_station(station: Station, seconds: float) -> Run:
+    """Runs a station that logs, after its pick-up for at most `seconds`; a run ends a moment after success, fall or
+    drop.
+    """
+    simulator = Simulator(station)
+    context = simulator.get_context()
+    adaptor = station.GetSubsystemByName("state_adaptor")
+    state, of_adaptor = adaptor.GetOutputPort("robot_state"), adaptor.GetMyContextFromRoot(context)
+    goal, end = np.array(station.scene.goal), np.inf
+    begun = None if station.pick is not None else 0.0
+    while context.get_time() < end:
+        simulator.AdvanceTo(context.get_time() + CHECK_S)
+        now, x = context.get_time(), state.Eval(of_adaptor)
+        if begun is None and _held(station, simulator):
+            begun = now
+        limit = PICK_S if begun is None else begun + (HELD_S if station.controller_name == "pickup" else seconds)
+        over = x[2] < FALLEN_M or x[OBJECT_POS][2] < LOST_M
+        if begun is not None and np.linalg.norm(x[:2] - goal) < GOAL_M:
+            over = True
+        end = min(end, limit, now + AT_GOAL_S if over else np.inf)
+    hands_over = station.controller_name == "pickup_then_policy"
+    report = report_hand_over(station, read_logs(station, context)) if hands_over else None
+    who = f"{station.controller_name}: {report.who}" if report else station.controller_name
+    return Run(record=to_record(station, context, policy=who), hand_over=report)
+
+
+def _held(station: Station, simulator: Simulator) -> bool:
+    """Whether the pick-up is over: handed over, or holding."""
+    from hotice.control.pickup import PHASES
+
+    hands_over = station.controller_name == "pickup_then_policy"
+    system = station.GetSubsystemByName("mode_selector" if hands_over else "pickup")
+    port = system.GetOutputPort("mode" if hands_over else "phase")
+    value = port.Eval(system.GetMyContextFromRoot(simulator.get_context()))[0]
+    return bool(value > 0 if hands_over else value == PHASES.index("hold"))

@@ -1,0 +1,1 @@
+"""Decisions of a station, made before its diagram: configuration, table, departure, rehearsals."""

@@ -1,0 +1,195 @@
+"""The task in numbers. Each default is marked with its source: paper, CAT (its public code), or ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+from hotice.errors import InvalidConfig, UnknownName
+from hotice.model import g1
+from hotice.model.dynamics import DynamicsConfig, student_dynamics
+from hotice.model.object_range import ObjectRange
+from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
+from hotice.task.history import LONGEST, is_length
+
+LOW, UP = "low", "up"
+STUDENT_PUSH_M_S = 1.0
+"""Largest push of students (CAT)."""
+MOST = 1_000_000
+"""No number of the task is larger: single precision holds it, and what is made of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agent:
+    """One learner: which part of the action it emits and which reward columns it receives."""
+
+    name: str
+    actions: slice
+    receives: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of joints it commands."""
+        return self.actions.stop - self.actions.start
+
+
+DUAL = (
+    Agent(name=LOW, actions=g1.LOWER, receives=(LOW,)),
+    Agent(name=UP, actions=g1.UPPER, receives=(UP,)),
+)
+SINGLE = (Agent(name="whole", actions=slice(0, len(g1.ACTION_JOINTS)), receives=(LOW, UP)),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preset:
+    """One row of the paper's Table I: how many agents, and which field hands and object read."""
+
+    agents: tuple[Agent, ...]
+    object_field: str
+
+
+PRESETS: Mapping[str, Preset] = MappingProxyType(
+    {
+        "dual_hodpf": Preset(agents=DUAL, object_field="ogf"),
+        "dual_sgf": Preset(agents=DUAL, object_field="sgf"),
+        "single_hodpf": Preset(agents=SINGLE, object_field="ogf"),
+        "single_sgf": Preset(agents=SINGLE, object_field="sgf"),
+    }
+)
+
+
+def get_preset(name: str) -> Preset:
+    """The named row of Table I. Raises `UnknownName`."""
+    if name not in PRESETS:
+        raise UnknownName("preset", name, PRESETS)
+    return PRESETS[name]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskConfig:
+    """Transport task. Lengths [m], times [s], angles [rad]."""
+
+    physics_dt_s: float = 0.005
+    """Physics step (ours)."""
+    substeps: int = 4
+    """Physics steps per control step: 50 Hz (paper)."""
+    episode_s: float = 5.0
+    """Time limit of a trial (paper)."""
+    leg_scale_rad: float = 0.3
+    """Joint target offset of the legs per unit action (ours)."""
+    arm_scale_rad: float = 0.12
+    """Joint target offset of the arms per unit action (ours)."""
+    action_limit: float = 4.0
+    """Actions are clipped to ± this (ours)."""
+    speed_m_s: float = 0.7
+    """Commanded speed (ours; the attractive force alone, eta = 0.6, leaves too little time for 2 m in 5 s)."""
+    stop_gain_hz: float = 3.0
+    """Near the goal the commanded speed is this times the distance (ours)."""
+    goal_radius_m: float = 0.1
+    """Success: root within this distance of the goal, horizontally (paper)."""
+    gait_hz: float = 1.4
+    """Step clock (CAT: 1.3 to 1.5)."""
+    swing_height_m: float = 0.10
+    """Wished height of a swinging sole at its peak (ours; CAT 0.07)."""
+    resolution_m: float = 0.04
+    """Grid of the fields (CAT)."""
+    margin_m: float = 0.08
+    """Inflation of the obstacles for the object-centric field (paper)."""
+    objects: ObjectRange = field(default_factory=ObjectRange)
+    """Carried objects (paper: at most 3.5 kg, 40 cm)."""
+    carry_states: int = 64
+    """Number of different objects in training, each with its grasp (ours)."""
+    start_noise_m: float = 0.05
+    """Uniform noise of the start position (ours)."""
+    start_yaw_noise_rad: float = 0.15
+    """Uniform noise of the start heading (ours)."""
+    joint_noise_rad: float = 0.02
+    """Uniform noise of the leg angles at the start (ours)."""
+    anywhere: float = 0.0
+    """Share of episodes that start anywhere with room to stand, heading along the field (training; ours)."""
+    anywhere_yaw_noise_rad: float = 0.6
+    """Uniform noise of the heading of such starts: goals lie in a sector of ± 35 degrees (ours)."""
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    """Noise and delay of what the actor reads (zero for teachers)."""
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    """Spread of the robots' parameters (zero for teachers)."""
+    push_m_s: float = 0.0
+    """Largest push: a change of root velocity that all links take, not the object in the hands (CAT, student: 1.0; zero
+    for teachers); the least is a tenth of it (CAT: 0.1)."""
+    push_interval_s: float = 7.5
+    """Mean time between pushes, which come at any control step with equal chance (CAT: 5 to 10)."""
+    collisions: bool = True
+    """Whether a collision of robot or object ends the episode."""
+    tolerance_m: float = 0.0
+    """Training curriculum: penetrations up to this deep are penalised but do not end the episode (ours)."""
+    end_at_goal: bool = False
+    """Whether reaching the goal ends the episode (evaluation)."""
+    goal_stay_s: float = 0.0
+    """Training: mean time at the goal before an episode is cut short, as by the time limit; 0: it never is (ours)."""
+    scan: bool = False
+    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields
+    only)."""
+    history: int = 0
+    """Past control steps of which the actors also read joints, IMU and actions (ours)."""
+
+    def __post_init__(self) -> None:
+        positive = (
+            "physics_dt_s",
+            "substeps",
+            "episode_s",
+            "leg_scale_rad",
+            "arm_scale_rad",
+            "action_limit",
+            "speed_m_s",
+            "stop_gain_hz",
+            "goal_radius_m",
+            "gait_hz",
+            "resolution_m",
+            "carry_states",
+            "push_interval_s",
+        )
+        for name in positive:
+            value = getattr(self, name)
+            if not 0 < value <= MOST:  # also false for NaN
+                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0, at most {MOST:,}, is needed")
+        for name in (
+            "margin_m",
+            "swing_height_m",
+            "start_noise_m",
+            "start_yaw_noise_rad",
+            "anywhere_yaw_noise_rad",
+            "joint_noise_rad",
+            "push_m_s",
+            "tolerance_m",
+            "goal_stay_s",
+        ):
+            value = getattr(self, name)
+            if not 0 <= value <= MOST:
+                raise InvalidConfig(f"{name} is {value!r}: a finite number from 0 to {MOST:,} is needed")
+        if self.max_steps < 1:
+            raise InvalidConfig(
+                f"episode_s is {self.episode_s!r}: at least a control step, {self.control_dt_s:g} s, is needed"
+            )
+        if not is_length(self.history):
+            raise InvalidConfig(f"history is {self.history!r}: a whole number from 0 to {LONGEST} is needed")
+        if not 0.0 <= self.anywhere <= 1.0:
+            raise InvalidConfig(f"anywhere is {self.anywhere!r}: a share between 0 and 1 is needed")
+
+    @property
+    def control_dt_s(self) -> float:
+        """Time between actions."""
+        return self.physics_dt_s * self.substeps
+
+    @property
+    def max_steps(self) -> int:
+        """Control steps in an episode."""
+        return round(self.episode_s / self.control_dt_s)
+
+    def perturbed(self) -> TaskConfig:
+        """The task under noise, delay, pushes and uncertain dynamics, as students are trained; for evaluation see
+        `protocols`.
+        """
+        return replace(
+            self, sensing=STUDENT_SENSING, dynamics=student_dynamics(self.physics_dt_s), push_m_s=STUDENT_PUSH_M_S
+        )
