@@ -25,9 +25,9 @@ from hotice.model.carry import CarryState, Posture, solve_carry
 from hotice.model.collision import CollisionChecker
 from hotice.model.collision_geometry import OBJECT_OBSTACLE, ROBOT_OBSTACLE
 from hotice.model.frames import normalize, quat_from_yaw, quat_mul, quat_rotate
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, Shape, SphereShape
 from hotice.model.objects import CarriedObject, Cylinder, Sphere
 from hotice.model.robot_state import RobotState
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, Shape, SphereShape
 from hotice.sim import TransportEnv
 from hotice.sim.carry_bank import CarryBank
 

@@ -26,9 +26,9 @@ from hotice.control.pickup import Pickup, Stance
 from hotice.control.plant import TorquePlant
 from hotice.errors import CarryInfeasible, PickInfeasible
 from hotice.model import Obstacle, Scene, builder, frames
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.object_range import SHAPES, ObjectRange
 from hotice.model.objects import CarriedObject
-from hotice.model.shapes import BoxShape
 
 HELD_S, LIMIT_S = 5.0, 60.0
 NEAR_M = 0.24

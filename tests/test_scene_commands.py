@@ -4,8 +4,8 @@ import urllib.request
 
 import numpy as np
 import pytest
-from hotice.commands.program import main
 
+from hotice.commands.program import main
 from hotice.model import Scene
 
 CROP = ["--start", "0", "0", "--goal", "2", "0"]
@@ -116,7 +116,7 @@ def test_show_writes_a_page_of_its_own(tmp_path, capsys):
 
 def test_names_that_look_alike_are_all_shown(tmp_path, monkeypatch):
     from hotice.model import Obstacle
-    from hotice.model.shapes import BoxShape
+    from hotice.model.geometry.shapes import BoxShape
     from hotice.replay import scene_view
 
     names = ("shelf/left", "shelf left", "shelf left (2)", "shelf left")

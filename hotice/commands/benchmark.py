@@ -17,7 +17,7 @@ from hotice.errors import InvalidConfig
 from hotice.files import check_writable, write_text
 from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.runner import Runner
-from hotice.sim.ram import check_memory
+from hotice.sim.physics.ram import check_memory
 from hotice.task.config import TaskConfig
 from hotice.version import source_version
 

@@ -13,7 +13,7 @@ import torch
 from hotice.control.walk.config import WalkConfig
 from hotice.errors import MissingExtra
 from hotice.learn.policy import Policy, load_policy
-from hotice.sim.threads import one_thread
+from hotice.sim.physics.threads import one_thread
 
 if TYPE_CHECKING:
     from hotice.evaluate.run import EvaluateConfig

@@ -39,9 +39,9 @@ from hotice.model.scene import Scene
 from hotice.model.scene_digest import scene_digest
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
-from hotice.sim.mujoco_batch import MujocoBatch
-from hotice.sim.ram import check_memory
-from hotice.sim.threads import one_thread
+from hotice.sim.physics.mujoco_batch import MujocoBatch
+from hotice.sim.physics.ram import check_memory
+from hotice.sim.physics.threads import one_thread
 from hotice.version import source_version
 
 LONGEST_S = 120.0

@@ -28,7 +28,7 @@ from hotice.evaluate.trial_log import BODY_POINTS, TrialLog
 from hotice.evaluate.trials import Trials
 from hotice.fields.hod_pf import HodPf, build_hod_pf
 from hotice.model import builder, g1
-from hotice.sim.mujoco_batch import unlogged
+from hotice.sim.physics.mujoco_batch import unlogged
 from hotice.sim.snapshot import POINTS
 from hotice.sim.terminations import APART_M, FALLEN_M, LOW_M, UPRIGHT
 

@@ -22,8 +22,8 @@ from hotice.errors import OutputError
 from hotice.fields.grid import Grid
 from hotice.fields.volumes import NODE_BYTES, SceneNodes, Volumes, arrange
 from hotice.files import make_folder, write_bytes
+from hotice.model.geometry.shapes import MeshShape
 from hotice.model.scene import Scene
-from hotice.model.shapes import MeshShape
 
 SOLVER = "hotice-field/4"
 """Changes whenever equal scenes may give other values."""

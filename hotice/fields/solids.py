@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from hotice.compiled import compiled
 from hotice.fields.grid import Grid
-from hotice.model import bvh
 from hotice.model.frames import quat_to_mat
+from hotice.model.geometry import bvh
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
 
 FAR_M = 10.0
 BLOCK = 4

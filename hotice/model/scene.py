@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from hotice.errors import InputError, InvalidScene, UnknownName
 from hotice.files import read_bytes
 from hotice.model.frames import quat_to_mat
-from hotice.model.shapes import MeshShape, Shape, check_keys, number, shape_from_dict, shown, vector
+from hotice.model.geometry.shapes import MeshShape, Shape, check_keys, number, shape_from_dict, shown, vector
 from hotice.model.source import MapSource
 
 FORMAT = "hotice-scene/1"
@@ -58,7 +58,9 @@ class Obstacle:
                 f"{where} has unknown category {shown(self.category)}: known are {', '.join(CATEGORIES)}"
             )
         if not isinstance(self.shape, Shape):
-            raise InvalidScene(f"{where} has shape {shown(self.shape)}: a shape of hotice.model.shapes is needed")
+            raise InvalidScene(
+                f"{where} has shape {shown(self.shape)}: a shape of hotice.model.geometry.shapes is needed"
+            )
         object.__setattr__(self, "position_m", vector(f"{where} position_m", self.position_m, 3))
         quat = np.array(vector(f"{where} quaternion_wxyz", self.quaternion_wxyz, 4))
         norm = float(np.linalg.norm(quat))

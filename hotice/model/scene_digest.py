@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 
+from hotice.model.geometry.shapes import MeshShape
 from hotice.model.scene import Scene
-from hotice.model.shapes import MeshShape
 
 
 def scene_digest(scene: Scene) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from hotice.errors import InvalidScene
 from hotice.model.frames import Array, mat_to_quat, quat_mul, quat_rotate
-from hotice.model.shapes import check_keys, shown
+from hotice.model.geometry.shapes import check_keys, shown
 
 KEYS = ("file", "sha256", "unit_m", "position_m", "quaternion_wxyz")
 FARTHEST_M = 1e9

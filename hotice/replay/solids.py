@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hotice.model import Obstacle
 from hotice.model.frames import quat_to_mat
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
 
 Array = NDArray[np.float64]
 SOLIDS = ("box", "capsule", "cylinder", "ellipsoid", "sphere")

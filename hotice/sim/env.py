@@ -23,8 +23,8 @@ from hotice.sim.carry_bank import CarryBank, pick
 from hotice.sim.commands import heading_error, navigation_command
 from hotice.sim.events import Starter, push, turn_about_root
 from hotice.sim.observations import PRIVILEGED, ObservationTable, policy_rows
-from hotice.sim.physics import make_physics
-from hotice.sim.ram import check_memory
+from hotice.sim.physics.protocol import make_physics
+from hotice.sim.physics.ram import check_memory
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
 from hotice.sim.scan import scan_points
 from hotice.sim.sensing import KNOWN_ROWS, Sensors

@@ -10,7 +10,7 @@ from hotice.fields.bank import FieldBank
 from hotice.model import g1
 from hotice.model.dynamics import LEAST_PUSH
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.physics import Physics
+from hotice.sim.physics.protocol import Physics
 from hotice.sim.snapshot import Layout
 from hotice.sim.stages import NearStarts, SmallObjects
 from hotice.sim.starts import all_places

@@ -16,7 +16,7 @@ from torch import Tensor
 from hotice.fields.bank import FieldSample
 from hotice.model import builder, g1
 from hotice.sim.encoder_error import chains
-from hotice.sim.physics import Physics
+from hotice.sim.physics.protocol import Physics
 from hotice.task import history
 
 POINTS = g1.SGF_KEYPOINTS + g1.OGF_KEYPOINTS + g1.FOOT_ENDS

@@ -7,17 +7,17 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("proxsuite")
 
 import mujoco
-from hotice.control.pickup.end_state import end_state
-from hotice.control.pickup.footwork import Departure
 
 from hotice.control.controller import Measurement
 from hotice.control.pick_plan import Support
 from hotice.control.pickup import Pickup, PickupConfig
+from hotice.control.pickup.end_state import end_state
+from hotice.control.pickup.footwork import Departure
 from hotice.control.walk.later import WalkLater
 from hotice.fields import build_hod_pf
 from hotice.model import Box, Obstacle, Scene, builder, g1
 from hotice.model.carry import carry_state_at, solve_carry
-from hotice.model.shapes import BoxShape
+from hotice.model.geometry.shapes import BoxShape
 
 TOP_M, NEAR_M = 0.6, 0.25
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])

@@ -10,7 +10,7 @@ import pytest
 from hotice.fields import FieldBank, cache
 from hotice.fields import bank as bank_module
 from hotice.model import Obstacle, Scene
-from hotice.model.shapes import BoxShape
+from hotice.model.geometry.shapes import BoxShape
 
 H = 0.1
 

@@ -8,8 +8,8 @@ from hotice.fields.bank import FieldBank
 from hotice.fields.clearance import Spheres, lowest_clearance_torch
 from hotice.fields.torch_sample import TorchVolumes
 from hotice.model.frames import quat_to_mat
+from hotice.model.geometry.shapes import BoxShape, SphereShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape, SphereShape
 
 FRAMES, SPHERES, VARIANTS = 5, 23, 4
 

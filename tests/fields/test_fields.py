@@ -8,7 +8,7 @@ from hotice.fields import sample as compiled
 from hotice.fields.potential import f_rep, f_rep_scalar, u_rep
 from hotice.fields.volumes import Volumes, pack
 from hotice.model import Obstacle, Scene, load_scene
-from hotice.model.shapes import BoxShape
+from hotice.model.geometry.shapes import BoxShape
 
 PARAMS = FieldParams()
 

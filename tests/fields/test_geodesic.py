@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
-from hotice.fields.geodesic.fast_marching import solve_geodesic
-from hotice.fields.geodesic.segments import blocker
 
 from hotice.errors import InvalidConfig
 from hotice.fields import build_hod_pf
 from hotice.fields.distance import occupancy_distance
+from hotice.fields.geodesic.fast_marching import solve_geodesic
+from hotice.fields.geodesic.segments import blocker
 from hotice.fields.grid import Grid
 from hotice.fields.solids import FAR_M, Space, distance_within
 from hotice.fields.volumes import solve_scene
 from hotice.model import Obstacle, Scene, load_scene
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
 
 GOAL = np.array([2.0, 0.0, 0.75])
 

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 import trimesh
+
 from hotice.fields.geodesic.fast_marching import solve_geodesic
 from hotice.fields.geodesic.mesh_segments import approach
 from hotice.fields.geodesic.segments import blocker
-
 from hotice.fields.grid import Grid
 from hotice.fields.solids import Space
 from hotice.model import Obstacle, Scene
-from hotice.model.bvh import Tree, signed_distances
-from hotice.model.shapes import BoxShape, MeshShape, SphereShape
+from hotice.model.geometry.bvh import Tree, signed_distances
+from hotice.model.geometry.shapes import BoxShape, MeshShape, SphereShape
 
 
 def mesh_scene(tmp_path, mesh, centre=(1.0, 0.0, 0.75), quaternion=(1.0, 0.0, 0.0, 0.0)):

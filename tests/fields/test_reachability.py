@@ -5,7 +5,7 @@ from hotice.fields import FieldBank, build_hod_pf
 from hotice.fields.hod_pf import UnreachableGoalWarning
 from hotice.fields.reachability import check_reachable
 from hotice.model import Obstacle, Scene, load_scene
-from hotice.model.shapes import BoxShape
+from hotice.model.geometry.shapes import BoxShape
 
 H = 0.05
 

@@ -2,11 +2,13 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import hotice.evaluate.conditions as conditions
-import hotice.evaluate.run as module
 import mujoco
 import pytest
 import torch
+
+import hotice.evaluate.conditions as conditions
+import hotice.evaluate.run as module
+from hotice.errors import CheckpointError, HoticeError, InvalidConfig
 from hotice.evaluate.carriers import policy_digest
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.run import (
@@ -17,20 +19,18 @@ from hotice.evaluate.run import (
 )
 from hotice.evaluate.seeds import TrialSeeds
 from hotice.evaluate.trials import Trials, success_interval
-
-from hotice.errors import CheckpointError, HoticeError, InvalidConfig
 from hotice.learn.policy import load_policy
 from hotice.model import Box, load_scene
 from hotice.model.builder import HIT_SENSORS
 from hotice.model.carry import solve_carry
 from hotice.model.dynamics import ROBOT_DYNAMICS, ROBOT_NOMINAL
+from hotice.model.geometry.shapes import BoxShape, CylinderShape, MeshShape
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.scene_digest import scene_digest
-from hotice.model.shapes import BoxShape, CylinderShape, MeshShape
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
-from hotice.sim.mujoco_batch import MujocoBatch
+from hotice.sim.physics.mujoco_batch import MujocoBatch
 
 CALM = Conditions(perturbed=False)
 REPORT = {"format", "policy", "seed", "rollouts", "success_rate", "mean_distance_m", "scenes"}

@@ -9,9 +9,8 @@ pytest.importorskip("pydrake")
 pytest.importorskip("pinocchio")
 
 from hotice.commands.program import main
-
 from hotice.model import Obstacle, Scene
-from hotice.model.shapes import BoxShape
+from hotice.model.geometry.shapes import BoxShape
 from hotice.replay import RolloutRecord
 
 
@@ -34,9 +33,8 @@ def test_a_walk_to_look_at(tmp_path, capsys):
 def short_run(monkeypatch):
     """Runs end at once, told to have fallen back; the record is that of a robot standing with its box."""
     import hotice.systems.record.play as play
-    from hotice.systems.record.hand_over import HandOverReport
-
     from hotice.model import builder
+    from hotice.systems.record.hand_over import HandOverReport
 
     configs = []
 

@@ -1,19 +1,19 @@
 """Rollouts for looking at end as evaluation says that they end."""
 
-import hotice.evaluate.conditions as conditions
 import numpy as np
 import pytest
 import torch
+
+import hotice.evaluate.conditions as conditions
+from hotice.errors import CheckpointError, InvalidConfig
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.record import record_rollouts
 from hotice.evaluate.run import score_block
-
-from hotice.errors import CheckpointError, InvalidConfig
 from hotice.learn.policy import load_policy
 from hotice.model import Box
 from hotice.model.carry import solve_carry
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 from hotice.sim.snapshot import NUM_SGF
 
 

@@ -5,12 +5,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 import torch
+
 from hotice.evaluate.referees import FREE_STEPS, Signals, afterwards, exact, points
 from hotice.evaluate.trial_log import TrialLog
-
 from hotice.fields.bank import FieldBank
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 
 LIMIT, STAY = 100, 20
 

@@ -3,27 +3,27 @@ import json
 import shlex
 from pathlib import Path
 
-import hotice.commands.reproduce as module
 import numpy as np
 import onnx
 import pytest
 import tyro
+
+import hotice.commands.reproduce as module
 from hotice.commands.paper_tables import TABLES
 from hotice.commands.program import main
 from hotice.commands.reproduce import RECIPES, ReproduceConfig, reproduce, train_command
 from hotice.commands.table import Flat
 from hotice.commands.unseen import Fit
+from hotice.errors import CheckpointError, InvalidConfig, SimulationError, UnknownName
 from hotice.evaluate.run import EvaluateConfig
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
+from hotice.learn.policy import export_onnx, torch_policy
 from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.runner import Runner
+from hotice.model.geometry.shapes import BoxShape
+from hotice.model.scene import Obstacle, Scene
 from hotice.policy.policy_file import KEY, content_hash, read_onnx_meta
 from hotice.task.config import PRESETS
-
-from hotice.errors import CheckpointError, InvalidConfig, SimulationError, UnknownName
-from hotice.learn.policy import export_onnx, torch_policy
-from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 
 
 @pytest.fixture

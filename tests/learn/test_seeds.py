@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 import torch
+
 from hotice.evaluate.conditions import Conditions, start_trials
 from hotice.evaluate.seeds import TrialSeeds, object_seed
 from hotice.evaluate.spread import spread_ratio
-
 from hotice.model import Box, builder, load_scene
 from hotice.model.carry import solve_carry
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 from hotice.sim.events import push
 from hotice.sim.terminations import OUTCOMES
 

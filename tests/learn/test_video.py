@@ -3,17 +3,17 @@ import sys
 
 import numpy as np
 import pytest
+
 from hotice.commands.program import main
+from hotice.errors import InvalidConfig, OutputError
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.record import failures_first, record_rollouts
-from hotice.replay.video import FRAMES_PER_S, SIZE_PX, STILL_S, film_frames, write_video
-
-from hotice.errors import InvalidConfig, OutputError
 from hotice.learn.policy import load_policy
 from hotice.model import Box
 from hotice.model.carry import solve_carry
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
+from hotice.replay.video import FRAMES_PER_S, SIZE_PX, STILL_S, film_frames, write_video
 
 WALL = Obstacle("wall", "side", BoxShape((0.1, 0.6, 0.6)), (0.75, 0.0, 0.9))
 

@@ -1,25 +1,25 @@
 import json
 
-import hotice.evaluate.carriers as carriers
-import hotice.evaluate.conditions as conditions
-import hotice.evaluate.walk_trials as walk_trials
 import mujoco
 import numpy as np
 import pytest
 import torch
-from hotice.commands.program import main
-from hotice.evaluate.conditions import Conditions
-from hotice.evaluate.run import EvaluateConfig, Scorer, evaluate, score_block
-from hotice.evaluate.walk_trials import Trial, failure, score_walks
 
+import hotice.evaluate.carriers as carriers
+import hotice.evaluate.conditions as conditions
+import hotice.evaluate.walk_trials as walk_trials
+from hotice.commands.program import main
 from hotice.control.plant import TorquePlant
 from hotice.control.walk import WalkConfig
 from hotice.errors import InvalidConfig, MissingExtra, UnknownName, UnreachableGoal
+from hotice.evaluate.conditions import Conditions
+from hotice.evaluate.run import EvaluateConfig, Scorer, evaluate, score_block
+from hotice.evaluate.walk_trials import Trial, failure, score_walks
 from hotice.learn.policy import load_policy
 from hotice.model import Box, Cylinder, Sphere, builder, g1
 from hotice.model.carry import solve_carry
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 
 GOAL_M = 0.35
 STATE = solve_carry(Box((0.3, 0.3, 0.3), 1.0))

@@ -9,9 +9,9 @@ from hotice.model import Box, Obstacle, Scene, builder, frames, g1
 from hotice.model.carry import solve_carry
 from hotice.model.collision import CollisionChecker
 from hotice.model.collision_geometry import GRASP, KINDS, OBJECT_OBSTACLE, ROBOT_OBJECT, ROBOT_OBSTACLE, SELF
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
 from hotice.model.objects import Cylinder, Sphere
 from hotice.model.robot_state import RobotState
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
 
 pin = pytest.importorskip("pinocchio")
 fcl = pytest.importorskip("fcl")

@@ -4,13 +4,14 @@ import shutil
 
 import numpy as np
 import pytest
-from hotice.commands.scene import main
 
+from hotice.commands.scene import main
 from hotice.errors import InputError, InvalidConfig, InvalidMap, InvalidScene
 from hotice.model import load_scene
-from hotice.model.extents import extent
 from hotice.model.frames import quat_from_yaw
 from hotice.model.generate.traversable import check_traversable
+from hotice.model.geometry.extents import extent
+from hotice.model.geometry.shapes import BoxShape, MeshShape
 from hotice.model.importers.front3d import Front3dReport, House, PlacedMesh, load_house
 from hotice.model.importers.front3d_scenes import (
     Front3dConfig,
@@ -23,7 +24,6 @@ from hotice.model.importers.front3d_scenes import (
 )
 from hotice.model.importers.polygons import triangulated
 from hotice.model.importers.solids import MAX_BODIES, SHEET_M, VOXEL_M, solidify
-from hotice.model.shapes import BoxShape, MeshShape
 from tests.model import front3d_fixture as fixture
 
 HOUSE, MODELS = fixture.FOLDER / "house.json", fixture.FOLDER / "models"

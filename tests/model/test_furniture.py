@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from hotice.model import Obstacle
-from hotice.model.extents import category_by_height, extent
 from hotice.model.frames import normalize
 from hotice.model.generate import furniture
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
+from hotice.model.geometry.extents import category_by_height, extent
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
 
 RETURNS = {n: getattr(f, "__annotations__", {}).get("return") for n, f in vars(furniture).items()}
 MAKERS = sorted(n for n, kind in RETURNS.items() if kind == "Piece" and not n.startswith("_") and n != "group")

@@ -8,8 +8,9 @@ import pytest
 from hotice.errors import HoticeError, InvalidConfig, InvalidMap, InvalidScene
 from hotice.model import Scene
 from hotice.model.frames import quat_from_axis_angle, quat_to_mat
-from hotice.model.importers import lzf, pcd, ply, voxels
+from hotice.model.importers import voxels
 from hotice.model.importers.floor import fit_floor
+from hotice.model.importers.formats import lzf, pcd, ply
 from hotice.model.importers.scene_import import FLOOR, KEPT, NOISE, ImportOptions, from_points, import_scene
 
 ACROSS = ImportOptions(start=(0.0, 0.0), goal=(2.0, 0.0))

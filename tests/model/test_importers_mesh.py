@@ -8,9 +8,9 @@ import pytest
 
 from hotice.errors import HoticeError, InvalidMap, InvalidScene
 from hotice.model import Scene
+from hotice.model.geometry.shapes import BoxShape, MeshShape
 from hotice.model.importers.meshes import read_triangles, sample_surface, split_bodies
 from hotice.model.importers.scene_import import ImportOptions, from_triangles, import_scene
-from hotice.model.shapes import BoxShape, MeshShape
 
 ACROSS = ImportOptions(start=(0.0, 0.0), goal=(2.0, 0.0))
 QUAD = np.array([[0, 1, 2], [0, 2, 3]])

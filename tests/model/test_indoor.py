@@ -5,7 +5,6 @@ import pytest
 
 from hotice.errors import InvalidScene
 from hotice.model import Obstacle, Scene
-from hotice.model.extents import extent
 from hotice.model.frames import quat_from_yaw
 from hotice.model.generate import furniture, rooms
 from hotice.model.generate.crop import (
@@ -20,7 +19,8 @@ from hotice.model.generate.crop import (
 )
 from hotice.model.generate.indoor import IndoorScenes, indoor_scene, indoor_scenes
 from hotice.model.generate.traversable import check_traversable
-from hotice.model.shapes import BoxShape
+from hotice.model.geometry.extents import extent
+from hotice.model.geometry.shapes import BoxShape
 
 KINDS = list(rooms.RECIPES)
 

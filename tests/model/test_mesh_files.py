@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from hotice.errors import InvalidMap, InvalidScene
-from hotice.model.importers.mesh_files import read_mesh
+from hotice.model.geometry.meshes import load_mesh
+from hotice.model.importers.formats.mesh_files import read_mesh
 from hotice.model.importers.meshes import read_triangles, split_bodies
 from hotice.model.importers.polygons import BadPolygon, fill
 from hotice.model.importers.scene_import import ImportOptions, import_scene
-from hotice.model.meshes import load_mesh
 
 CUBE = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from hotice.errors import InvalidScene
-from hotice.model.meshes import MeshRepaired, TriangleMesh, load_mesh
+from hotice.model.geometry.meshes import MeshRepaired, TriangleMesh, load_mesh
 
 
 def write(path, mesh):

@@ -7,7 +7,7 @@ import pytest
 
 from hotice.errors import HoticeError, InvalidScene, UnknownName
 from hotice.model import Obstacle, Scene, frames, load_scene, load_scenes, shipped_scenes
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape, signed_distance
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape, signed_distance
 
 GOOD = {
     "format": "hotice-scene/1",

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from hotice.errors import HoticeError
 from hotice.model import Scene, load_scene, load_scenes
-from hotice.model.importers.pcd import read_pcd
-from hotice.model.importers.ply import read_ply
+from hotice.model.importers.formats.pcd import read_pcd
+from hotice.model.importers.formats.ply import read_ply
 
 BOX = {"type": "box", "size_m": [0.2, 2.0, 0.4]}
 GOOD = {

@@ -10,8 +10,8 @@ from hotice.errors import InvalidScene
 from hotice.model import Obstacle, Scene
 from hotice.model.frames import quat_from_axis_angle, quat_rotate, quat_to_mat
 from hotice.model.generate.crop import crop
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.importers.scene_import import ImportOptions, import_scene
-from hotice.model.shapes import BoxShape
 from hotice.model.source import MapSource
 from tests.model.test_importers import pcd_bytes, room, turned
 

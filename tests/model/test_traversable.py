@@ -10,7 +10,7 @@ from hotice.model.carry import Posture, solve_carry
 from hotice.model.generate import check_traversable, family_scenes, require_traversable
 from hotice.model.generate.envelope import CORE, POSTURES, Envelope, EnvelopePosture, posture_boxes
 from hotice.model.generate.traversable import MARGIN_M
-from hotice.model.shapes import BoxShape, CylinderShape
+from hotice.model.geometry.shapes import BoxShape, CylinderShape
 
 LARGE, SMALL = (0.2, 0.2, 0.2), (0.1, 0.1, 0.1)
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from hotice.model import Box, Obstacle, Scene
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
 from hotice.replay import RolloutRecord
 
 TOY = """

@@ -9,9 +9,9 @@ from hotice.fields.bank import FieldBank
 from hotice.model import Box, g1
 from hotice.model.carry import solve_carry
 from hotice.model.frames import quat_to_mat
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
 from hotice.model.objects import Cylinder, Sphere
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
 from hotice.sim import TransportEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.cover import EDGE_DEPTH_M, EDGE_RADIUS_M, OBJECT_SPHERES, object_cover, robot_cover, skin

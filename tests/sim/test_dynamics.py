@@ -7,7 +7,7 @@ from hotice.errors import InvalidConfig
 from hotice.model import g1, load_scenes
 from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig, joint_offset, perturb
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.mujoco_batch import differing_fields
+from hotice.sim.physics.mujoco_batch import differing_fields
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from hotice.model import Box, builder, g1
 from hotice.model.carry import Posture, solve_carry
 from hotice.model.dynamics import ROBOT_DYNAMICS, DynamicsConfig, joint_offset, perturb
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.mujoco_batch import MujocoBatch, differing_fields
+from hotice.sim.physics.mujoco_batch import MujocoBatch, differing_fields
 
 ROBOTS, FEW = 200, 8
 G = 9.81
@@ -81,7 +81,7 @@ def warp(models):
     """The same of worlds of MuJoCo Warp."""
     import mujoco_warp as mjw
 
-    from hotice.sim.mujoco_warp import MujocoWarp
+    from hotice.sim.physics.mujoco_warp import MujocoWarp
 
     n = len(models)
     physics = MujocoWarp(models[::-1], n, "cpu")
@@ -339,7 +339,7 @@ def test_worlds_of_warp_feel_the_same(robots, found, state):
     for what, values in vars(felt(warp(robots["all"][:FEW]), state)).items():
         exact = getattr(found["all"], what)[:FEW]
         np.testing.assert_allclose(values, exact, rtol=2e-4, atol=1e-4 * np.abs(exact).max(), err_msg=what)
-    from hotice.sim.mujoco_warp import _NOT_SIMULATED
+    from hotice.sim.physics.mujoco_warp import _NOT_SIMULATED
 
     first, mixed = one_by_one(robots)
     exact = accelerations(plain([first, *mixed.values()]), state)

@@ -3,11 +3,11 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from hotice.sim.ram import check_memory
 
 from hotice.errors import HoticeError, InvalidConfig, UnknownName
 from hotice.sim import TaskConfig, TransportEnv
-from hotice.sim import ram as memory_module
+from hotice.sim.physics import ram as memory_module
+from hotice.sim.physics.ram import check_memory
 from hotice.sim.rewards import TERMINATION_PENALTY
 from hotice.sim.terminations import OUTCOMES
 

@@ -19,7 +19,7 @@ from hotice.model.dynamics import (
     perturb,
 )
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.mujoco_batch import MujocoBatch
+from hotice.sim.physics.mujoco_batch import MujocoBatch
 
 ROBOTS = 300
 CPU = torch.device("cpu")
@@ -129,7 +129,7 @@ def test_palms_of_a_batch_act(model, state):
 @pytest.mark.parity
 def test_contacts_of_warp_feel_what_was_drawn(robots, state):
     pytest.importorskip("mujoco_warp")
-    from hotice.sim.mujoco_warp import MujocoWarp
+    from hotice.sim.physics.mujoco_warp import MujocoWarp
 
     physics = MujocoWarp(robots, ROBOTS, "cpu")
     physics.qpos[:] = torch.tensor(leaning(robots[0], state), dtype=torch.float32)

@@ -10,8 +10,8 @@ import torch
 
 from hotice.fields.bank import FieldBank
 from hotice.model import g1, load_scene
+from hotice.model.geometry.shapes import BoxShape, CylinderShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape, CylinderShape
 from hotice.sim.observations import POLICY, PRIVILEGED, ObservationTable, mirror_action
 from hotice.sim.rewards import REWARDS
 

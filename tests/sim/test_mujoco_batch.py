@@ -5,11 +5,11 @@ import torch
 
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import builder
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.mujoco_batch import MujocoBatch, differing_fields
-from hotice.sim.physics import make_physics
+from hotice.sim.physics.mujoco_batch import MujocoBatch, differing_fields
+from hotice.sim.physics.protocol import make_physics
 
 
 def started(carry, num_envs=4):

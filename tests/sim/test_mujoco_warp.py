@@ -10,8 +10,8 @@ from hotice.model import load_scene
 from hotice.model.dynamics import STUDENT_DYNAMICS
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.mujoco_batch import MujocoBatch
-from hotice.sim.physics import make_physics
+from hotice.sim.physics.mujoco_batch import MujocoBatch
+from hotice.sim.physics.protocol import make_physics
 from hotice.sim.rewards import TERMINATION_PENALTY
 from hotice.sim.terminations import OUTCOMES
 
@@ -276,7 +276,7 @@ def test_the_task_ends_both_alike(shaped, gap):
 
 
 def test_overflowing_buffers_are_raised(shaped):
-    from hotice.sim.mujoco_warp import MujocoWarp
+    from hotice.sim.physics.mujoco_warp import MujocoWarp
 
     for buffer, words in ({"constraints": 24}, "NEFC.*CONSTRAINTS"), ({"contacts": 4}, "BROADPHASE.*CONTACTS"):
         physics = MujocoWarp(shaped.models, 2, "cpu", **buffer)

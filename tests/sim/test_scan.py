@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.objects import Box
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.observations import ObservationTable, policy_rows
 from hotice.sim.scan import scan_points

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from hotice.fields.bank import FieldBank
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 from hotice.sim.starts import (
     BODY_RADIUS_M,
     FARTHEST_M,

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from hotice.fields.bank import FieldBank
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 from hotice.sim.rewards import TERMINATION_PENALTY
 from hotice.sim.terminations import OUTCOMES, TERMINATIONS
 

@@ -7,6 +7,14 @@ from pydrake.systems.analysis import Simulator
 pytest.importorskip("pinocchio")
 
 from hotice.control.pickup.footwork import Departure
+from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
+from hotice.fields import build_hod_pf
+from hotice.model import Obstacle, Scene
+from hotice.model.carry import solve_carry
+from hotice.model.geometry.shapes import BoxShape
+from hotice.model.robot_state import RobotState
+from hotice.policy import PolicyTask
+from hotice.systems import StationConfig, make_station, read_logs
 from hotice.systems.hand_over.mode_selector import CARRY, HOLD, WALK, HandOver, ModeSelector
 from hotice.systems.hand_over.rehearsal import Rehearsal
 from hotice.systems.hand_over.stage import VERDICTS
@@ -16,15 +24,6 @@ from hotice.systems.record.rollout import SignalLog, wires
 from hotice.systems.setup.departure import SECTOR_RAD, plan_departure
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
 from hotice.systems.setup.table import SUPPORT, around_table, beside_start, table_of, with_table
-
-from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
-from hotice.fields import build_hod_pf
-from hotice.model import Obstacle, Scene
-from hotice.model.carry import solve_carry
-from hotice.model.robot_state import RobotState
-from hotice.model.shapes import BoxShape
-from hotice.policy import PolicyTask
-from hotice.systems import StationConfig, make_station, read_logs
 
 OPEN = Scene("open")
 

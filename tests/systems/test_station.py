@@ -3,7 +3,6 @@ import sys
 
 import numpy as np
 import pytest
-from hotice.systems.record.rollout import judge, to_record, wires
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -24,6 +23,7 @@ from hotice.replay import RolloutRecord
 from hotice.systems import StationConfig, make_station, read_logs, write_diagram, write_html
 from hotice.systems.compose import build, connect
 from hotice.systems.joint_pd import JointPd
+from hotice.systems.record.rollout import judge, to_record, wires
 from hotice.systems.safety_monitor import SafePosture, SafetyLimits, SafetyMonitor
 from hotice.systems.signals import CONTACT_FORCE, GUIDANCE, PERCEPT, ROBOT_STATE
 from hotice.systems.visualizer import Visualizer
@@ -174,7 +174,7 @@ def test_bad_stations(kwargs, error, message):
 
 def test_drake_refuses_meshes(tmp_path):
     (tmp_path / "t.obj").write_text("v 0 0 0\nv 0.2 0 0\nv 0 0.2 0\nv 0 0 0.2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
-    from hotice.model.shapes import shape_from_dict
+    from hotice.model.geometry.shapes import shape_from_dict
 
     shape = shape_from_dict({"type": "mesh", "file": "t.obj", "scale": 1.0}, tmp_path)
     Scene("tetra", obstacles=(Obstacle("stone", "ground", shape, (1.0, 0.5, 0.0)),)).save(tmp_path / "s.json")

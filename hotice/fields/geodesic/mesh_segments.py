@@ -13,7 +13,7 @@ import numpy as np
 
 from hotice.compiled import compiled
 from hotice.fields.solids import mesh_distance, mesh_normal, seen, turned
-from hotice.model.bvh import triangle_squared
+from hotice.model.geometry.bvh import triangle_squared
 
 _MOST = 64
 """A segment that passes through more triangles than this is blocked."""

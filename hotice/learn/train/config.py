@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from hotice.errors import InvalidConfig, UnknownName
-from hotice.sim.physics import BACKENDS
+from hotice.sim.physics.protocol import BACKENDS
 from hotice.sim.starts import NEAREST_M
 from hotice.task.config import TaskConfig, get_preset
 

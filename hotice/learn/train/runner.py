@@ -39,7 +39,7 @@ from hotice.model.scene_sets import resolve_item
 from hotice.policy.policy_file import check_layout
 from hotice.sim.env import TransportEnv
 from hotice.sim.observations import mirror_action
-from hotice.sim.threads import use_threads
+from hotice.sim.physics.threads import use_threads
 from hotice.version import source_version
 
 

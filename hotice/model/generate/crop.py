@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
 from hotice.errors import InvalidScene
-from hotice.model.extents import extent
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.generate.traversable import check_traversable
+from hotice.model.geometry.extents import extent
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.source import MapSource
 

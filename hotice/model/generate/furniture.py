@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.model.extents import category_by_height, extent, union
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
+from hotice.model.geometry.extents import category_by_height, extent, union
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, Shape, SphereShape
 from hotice.model.scene import Obstacle
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, Shape, SphereShape
 
 ALONG_X = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 ALONG_Y = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)

@@ -20,8 +20,8 @@ from hotice.model.generate.pieces import (
     obstacle,
     within,
 )
+from hotice.model.geometry.shapes import BoxShape, CylinderShape, SphereShape
 from hotice.model.scene import Scene
-from hotice.model.shapes import BoxShape, CylinderShape, SphereShape
 
 Family = Callable[[float, float, np.random.Generator], Obstacles]
 

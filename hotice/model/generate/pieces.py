@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from hotice.model.frames import quat_from_yaw
+from hotice.model.geometry.shapes import BoxShape, CylinderShape, Shape, SphereShape
 from hotice.model.scene import Obstacle
-from hotice.model.shapes import BoxShape, CylinderShape, Shape, SphereShape
 
 NEAREST_M, FARTHEST_M = 0.60, 1.75
 """Along x, what is near the centre line stands ahead of a box held at the start and behind the robot at the goal."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from hotice.model.frames import quat_from_yaw
 from hotice.model.generate.pieces import FARTHEST_M, NEAREST_M, Obstacles, grade, ground_bar, lamp, obstacle
-from hotice.model.shapes import BoxShape, CylinderShape
+from hotice.model.geometry.shapes import BoxShape, CylinderShape
 
 LENGTH_M = 2.0
 FOOTING_M = 0.55

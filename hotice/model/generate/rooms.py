@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.model.extents import extent, union
 from hotice.model.generate import furniture as f
 from hotice.model.generate.crop import OFF_LIMITS_M, SPACING_M, ClearanceMap
+from hotice.model.geometry.extents import extent, union
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle
-from hotice.model.shapes import BoxShape
 
 WALL_M, FRAME_M = 0.1, 0.05
 """Thickness of walls; width of door frames, which stand out of the wall by 2 cm."""

@@ -28,7 +28,7 @@ from hotice.model.generate.pieces import (
     wall,
     within,
 )
-from hotice.model.shapes import BoxShape, CylinderShape
+from hotice.model.geometry.shapes import BoxShape, CylinderShape
 
 Typical = Callable[[float, np.random.Generator], Obstacles]
 DEPTH_M = 0.20

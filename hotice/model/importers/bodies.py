@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.model import bvh
+from hotice.model.geometry import bvh
 from hotice.model.importers.meshes import closed_bodies, upper_side
 
 Points = NDArray[np.float64]

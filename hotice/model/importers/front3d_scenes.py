@@ -17,7 +17,6 @@ from scipy.spatial import KDTree
 
 from hotice.errors import InvalidConfig, InvalidScene
 from hotice.files import make_folder
-from hotice.model.extents import category_by_height
 from hotice.model.frames import quat_rotate
 from hotice.model.generate.crop import (
     CORRIDOR_M,
@@ -30,11 +29,12 @@ from hotice.model.generate.crop import (
     propose_ways,
     why_blocked,
 )
+from hotice.model.geometry.extents import category_by_height
+from hotice.model.geometry.shapes import BoxShape, MeshShape
 from hotice.model.importers.front3d import Floor, Front3dReport, House, PlacedMesh, load_house
 from hotice.model.importers.meshes import export_obj, sample_surface
 from hotice.model.importers.solids import MAX_BODIES, Solid, boxed, solidify
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape, MeshShape
 from hotice.model.source import MapSource
 
 TOUCHED_M = (0.03, 1.3)

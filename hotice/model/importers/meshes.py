@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
 from hotice.files import write_text
-from hotice.model.importers.mesh_files import read_mesh
+from hotice.model.importers.formats.mesh_files import read_mesh
 
 Points = NDArray[np.float64]
 Body = tuple[Points, NDArray[np.int64]]

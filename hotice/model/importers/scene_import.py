@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 
 from hotice.errors import HoticeError, InvalidMap, InvalidScene
 from hotice.files import read_bytes
-from hotice.model.extents import category_by_height
 from hotice.model.frames import quat_from_axis_angle, quat_to_mat
-from hotice.model.importers import ply
+from hotice.model.geometry.extents import category_by_height
+from hotice.model.geometry.shapes import BoxShape, MeshShape
 from hotice.model.importers.bodies import Body, inside, rooms_and_solids
 from hotice.model.importers.floor import Floor, fit_floor
+from hotice.model.importers.formats import ply
+from hotice.model.importers.formats.pcd import read_pcd
 from hotice.model.importers.meshes import (
     MAX_BODY_FACES,
     MESH_SUFFIXES,
@@ -30,11 +32,9 @@ from hotice.model.importers.meshes import (
     upper_side,
 )
 from hotice.model.importers.options import FAR_M, ImportOptions
-from hotice.model.importers.pcd import read_pcd
 from hotice.model.importers.upright import TURNED, fit_upright
 from hotice.model.importers.voxels import Voxels, column_extent, cover_by_boxes, occupied
 from hotice.model.scene import COLUMN_HEIGHTS_M, Obstacle, Scene
-from hotice.model.shapes import BoxShape, MeshShape
 from hotice.model.source import MapSource
 
 Points = NDArray[np.float64]

@@ -8,8 +8,8 @@ import numpy as np
 
 from hotice.errors import InvalidStation
 from hotice.model.frames import quat_from_yaw, quat_rotate
+from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
-from hotice.model.shapes import BoxShape
 from hotice.systems.setup.config import StationConfig
 
 SUPPORT = "support"

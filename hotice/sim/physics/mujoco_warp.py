@@ -15,7 +15,7 @@ from torch import Tensor
 
 from hotice.errors import InvalidConfig, SimulationError
 from hotice.model.builder import HIT_SENSORS
-from hotice.sim.mujoco_batch import differing_fields
+from hotice.sim.physics.mujoco_batch import differing_fields
 
 CONTACTS = 48
 """Contacts an environment on average: soles 8, palms 8, the object against trunk and floor the rest."""
@@ -102,7 +102,7 @@ class MujocoWarp:
             worlds = int((overflow != 0).sum())
             raise SimulationError(
                 f"{' and '.join(full)} buffers of MuJoCo Warp overflowed in {worlds} of {self.num_envs} environments: "
-                f"raise CONTACTS ({CONTACTS}) or CONSTRAINTS ({CONSTRAINTS}) in hotice.sim.mujoco_warp"
+                f"raise CONTACTS ({CONTACTS}) or CONSTRAINTS ({CONSTRAINTS}) in hotice.sim.physics.mujoco_warp"
             )
 
     def forward(self, ids: Tensor) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
-from hotice.model.importers.ply import ORDERS, PlyHeader, read_header
+from hotice.model.importers.formats.ply import ORDERS, PlyHeader, read_header
 from hotice.model.importers.polygons import BadPolygon, fill, fill_flat
 
 _NAMES = ("vertex_indices", "vertex_index")

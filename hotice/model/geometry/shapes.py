@@ -236,8 +236,8 @@ class MeshShape(Shape):
         return (self.folder / self.file).resolve()
 
     def mesh(self):
-        """The loaded, scaled `hotice.model.meshes.TriangleMesh`; read once while the file stays unchanged."""
-        from hotice.model.meshes import load_mesh
+        """The loaded, scaled `hotice.model.geometry.meshes.TriangleMesh`; read once while the file stays unchanged."""
+        from hotice.model.geometry.meshes import load_mesh
 
         return load_mesh(self.path, self.scale)
 

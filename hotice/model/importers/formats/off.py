@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
+from hotice.model.importers.formats.records import check_count, count_of
 from hotice.model.importers.polygons import BadPolygon, fill
-from hotice.model.importers.records import check_count, count_of
 
 _HEADER = re.compile(rb"(ST)?C?N?OFF")
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
-from hotice.model.importers.lzf import decompress
-from hotice.model.importers.records import MAX_HEADER_BYTES, binary_columns, check_count, count_of, text_columns
+from hotice.model.importers.formats.lzf import decompress
+from hotice.model.importers.formats.records import MAX_HEADER_BYTES, binary_columns, check_count, count_of, text_columns
 
 _TYPES = {("F", 4): "f4", ("F", 8): "f8", **{(t, s): f"{t.lower()}{s}" for t in "IU" for s in (1, 2, 4, 8)}}
 _ENCODINGS = ("ascii", "binary", "binary_compressed")

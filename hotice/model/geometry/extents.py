@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.model.frames import quat_to_mat
+from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
 from hotice.model.scene import Obstacle
-from hotice.model.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
 
 GROUND_TOP_M = 0.15
 """What ends below can be stepped over: category ground."""

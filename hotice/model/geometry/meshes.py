@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from hotice.errors import InputError, InvalidMap, InvalidScene
 from hotice.files import read_bytes
-from hotice.model import bvh
-from hotice.model.importers.mesh_files import read_mesh
-from hotice.model.shapes import MAX_LENGTH_M
+from hotice.model.geometry import bvh
+from hotice.model.geometry.shapes import MAX_LENGTH_M
+from hotice.model.importers.formats.mesh_files import read_mesh
 
 MAX_FACES = 200_000
 MAX_MESH_BYTES = 128 * 2**20

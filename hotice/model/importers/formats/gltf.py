@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
 from hotice.model.frames import quat_to_mat
-from hotice.model.importers.records import MAX_POINTS
+from hotice.model.importers.formats.records import MAX_POINTS
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 MAX_NODES = 100_000

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
-from hotice.model.importers.gltf import read_glb
-from hotice.model.importers.obj import read_obj
-from hotice.model.importers.off import read_off
-from hotice.model.importers.ply_faces import read_ply_mesh
+from hotice.model.importers.formats.gltf import read_glb
+from hotice.model.importers.formats.obj import read_obj
+from hotice.model.importers.formats.off import read_off
+from hotice.model.importers.formats.ply_faces import read_ply_mesh
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 

@@ -79,7 +79,7 @@ def make_physics(
     Raises `UnknownName`, and `InvalidConfig` for a device that the backend cannot use or packages that are missing.
     """
     if backend == "mujoco":
-        from hotice.sim.mujoco_batch import MujocoBatch
+        from hotice.sim.physics.mujoco_batch import MujocoBatch
 
         if torch.device(device).type != "cpu":
             raise InvalidConfig(
@@ -88,7 +88,7 @@ def make_physics(
         return MujocoBatch(models, num_envs, threads)
     if backend == "warp":
         try:
-            from hotice.sim.mujoco_warp import MujocoWarp
+            from hotice.sim.physics.mujoco_warp import MujocoWarp
         except ImportError as error:
             raise InvalidConfig(f"physics 'warp' needs {error.name}: pip install 'hotice[gpu]'") from None
         return MujocoWarp(models, num_envs, device)

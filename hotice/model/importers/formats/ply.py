@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap
-from hotice.model.importers.records import MAX_HEADER_BYTES, binary_columns, check_count, count_of, text_columns
+from hotice.model.importers.formats.records import MAX_HEADER_BYTES, binary_columns, check_count, count_of, text_columns
 
 _TYPES = {
     "char": "i1",
