@@ -19,8 +19,9 @@ from hotice.systems.hand_over.mode_selector import CARRY, HOLD, WALK, HandOver, 
 from hotice.systems.hand_over.rehearsal import Rehearsal
 from hotice.systems.hand_over.stage import VERDICTS
 from hotice.systems.hand_over.walk_rehearsal import WalkRehearsal
+from hotice.systems.logs import SignalLog
 from hotice.systems.record.hand_over import HandOverReport, report_hand_over
-from hotice.systems.record.rollout import SignalLog, wires
+from hotice.systems.record.picture import wires
 from hotice.systems.setup.departure import SECTOR_RAD, plan_departure
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
 from hotice.systems.setup.table import SUPPORT, around_table, beside_start, table_of, with_table

@@ -25,7 +25,7 @@ from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.policy import PolicyTask, open_policy
 from hotice.systems.compose import build, connect
 from hotice.systems.guidance_field import GuidanceFieldSystem
-from hotice.systems.record.rollout import add_loggers
+from hotice.systems.logs import add_loggers
 from hotice.systems.safety_monitor import SafePosture, SafetyMonitor
 from hotice.systems.sensor_model import SensorModel, draw_delays
 from hotice.systems.setup.config import StationConfig
