@@ -24,7 +24,8 @@ from hotice.replay import RolloutRecord
 from hotice.systems import StationConfig, make_station, read_logs, write_diagram, write_html
 from hotice.systems.compose import build, connect
 from hotice.systems.joint_pd import JointPd
-from hotice.systems.record.rollout import judge, to_record, wires
+from hotice.systems.record.picture import wires
+from hotice.systems.record.rollout import judge, to_record
 from hotice.systems.safety_monitor import SafePosture, SafetyLimits, SafetyMonitor
 from hotice.systems.signals import CONTACT_FORCE, GUIDANCE, PERCEPT, ROBOT_STATE
 from hotice.systems.visualizer import Visualizer
