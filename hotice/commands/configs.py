@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_type_hints
 
 import tyro
 
@@ -188,3 +188,12 @@ OPTIONS: Mapping[str, type] = {
     "benchmark": BenchmarkConfig,
 }
 """Types of the options of each command that has any; `hotice scene` is a group of its own."""
+
+
+def field_names(config: type) -> set[str]:
+    """Names of all options of a type, those of its groups included."""
+    hints, names = get_type_hints(config), set()
+    for each in fields(config):
+        kind = hints[each.name]
+        names |= field_names(kind) if is_dataclass(kind) and isinstance(kind, type) else {each.name}
+    return names

@@ -16,8 +16,9 @@ import pytest
 import torch
 import yaml
 
+from hotice.commands.configs import OPTIONS, field_names
 from hotice.commands.pipeline.file import load_pipeline
-from hotice.commands.pipeline.jobs import LOCK, Job, JobProcess, option_names
+from hotice.commands.pipeline.jobs import LOCK, Job, JobProcess
 from hotice.commands.program import main
 from hotice.errors import CheckpointError, DivergedError, OutOfMemory, OutputError, SimulationError
 from hotice.evaluate import run as evaluate
@@ -351,7 +352,7 @@ def test_every_option_to_lower_exists():
     for command, text in LOWER.items():
         for word in text.replace(",", " ").split():
             if word.startswith("--"):
-                assert word[2:].replace("-", "_") in option_names(command), (command, word)
+                assert word[2:].replace("-", "_") in field_names(OPTIONS[command]), (command, word)
 
 
 # numbers
