@@ -120,6 +120,14 @@ def test_tables(capsys):
     assert "| S | `ogf_object` |" in out and "| actors, critics | `sgf` | 45 |" in out and "`fall`" in out
 
 
+def test_tables_say_how_the_field_rewards_differ_from_the_paper(capsys):
+    assert main(["tables"]) == 0
+    printed = capsys.readouterr().out
+    row = next(line for line in printed.splitlines() if "`ogf_object`" in line)
+    assert "F_object·speed/η − c" in row and "scaled and softened" in row
+    assert "ε = 0.1 m/s, and fade out within 0.5 m of the goal" in printed
+
+
 def test_tables_are_markdown(capsys):
     """Every row of a table has as many cells as its head, whatever its terms are described by."""
     assert main(["tables"]) == 0
