@@ -2,76 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from hotice.errors import InvalidConfig, UnknownName
+from hotice.files import make_folder, write_text
+from hotice.learn.ppo.config import PpoConfig
 from hotice.sim.physics.protocol import BACKENDS
 from hotice.sim.starts import NEAREST_M
 from hotice.task.config import TaskConfig, get_preset
-
-
-@dataclass(frozen=True, kw_only=True)
-class PpoConfig:
-    """Proximal policy optimisation."""
-
-    steps: int = 24
-    """Control steps per environment and update (FALCON)."""
-    epochs: int = 3
-    """Passes over a rollout (ours; CAT 4)."""
-    minibatches: int = 4
-    """Minibatches a pass (ours; CAT 32 of a far larger rollout)."""
-    gamma: float = 0.99
-    """Discount (FALCON)."""
-    lam: float = 0.95
-    """Decay of generalised advantages (CAT)."""
-    clip: float = 0.2
-    """Clipping of the probability ratio (CAT)."""
-    value_clip: float = 1.0
-    """Clipping of the value, in units of the return (ours)."""
-    learning_rate: float = 1e-3
-    """First learning rate; each agent's then follows its own KL divergence (FALCON)."""
-    max_learning_rate: float = 3e-3
-    """Upper limit of the learning rate (ours)."""
-    target_kl: float = 0.03
-    """Wished KL divergence of a minibatch from the rollout policy (ours; FALCON 0.01)."""
-    entropy: float = 0.0005
-    """Weight of the entropy bonus (ours; CAT 0.01)."""
-    value_weight: float = 1.0
-    """Weight of the value loss (ours)."""
-    mirror_weight: float = 0.5
-    """Weight of the mirror loss of the actors; 0 switches it off (ours)."""
-    max_grad_norm: float = 1.0
-    """Gradient clipping, per agent (FALCON)."""
-    min_std: float = 0.12
-    """Lower limit of the action's standard deviation (ours)."""
-
-    def __post_init__(self) -> None:
-        for name in ("steps", "epochs", "minibatches"):
-            if int(getattr(self, name)) < 1:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
-        for name in ("gamma", "lam"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a number between 0 and 1 is needed")
-        for name in (
-            "clip",
-            "value_clip",
-            "learning_rate",
-            "max_learning_rate",
-            "target_kl",
-            "max_grad_norm",
-            "min_std",
-        ):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
-        for name in ("entropy", "value_weight", "mirror_weight"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+from hotice.version import source_version
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,3 +144,14 @@ def _check_students(task: TaskConfig) -> None:
                 f"{name} is given by hand, and perturbed takes the students' numbers in its place: give --no-perturbed, and "
                 "every source of perturbation by hand"
             )
+
+
+def config_to_dict(config: Any) -> Any:
+    """A configuration as JSON-ready values."""
+    return json.loads(json.dumps(dataclasses.asdict(config), default=str))
+
+
+def write_config(config: TrainConfig) -> None:
+    """Writes `config.json` of a run, aside and renamed. Raises `OutputError`."""
+    content = {**config_to_dict(config), "source": source_version()}
+    write_text(make_folder(config.out) / "config.json", json.dumps(content, indent=1) + "\n")
