@@ -1,6 +1,4 @@
-"""Stations to look at: `hotice play --controller walk|pickup|pickup_then_policy`. Drake is imported here only, when
-asked for.
-"""
+"""Stations to look at: `hotice play --controller walk|pickup|pickup_then_policy`. Drake is imported only for them."""
 
 from __future__ import annotations
 
@@ -28,8 +26,7 @@ DRAWS = 20
 
 
 def record_stations(config: PlayConfig, scenes: Iterable[Scene]) -> list[RolloutRecord]:
-    """Runs `config.rollouts` stations a scene, each with another box and table, and says who carried on after each
-    pick-up.
+    """Records of `config.rollouts` stations per scene, each with another box and table; prints who carried on.
 
     Raises `HoticeError`: `MissingExtra` without Drake, scenes without room for a table.
     """

@@ -92,7 +92,8 @@ class PlayConfig:
             raise InvalidConfig(f"video_of is {self.video_of!r}: nothing is filmed, give the film's file as video")
         if self.protocol is not None and self.controller != "policy":
             raise InvalidConfig(
-                f"protocol is {self.protocol!r} and controller {self.controller!r}, which has its own physics: leave it out"
+                f"protocol is {self.protocol!r} and controller {self.controller!r}, which has its own physics: "
+                "leave it out"
             )
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")

@@ -136,8 +136,8 @@ class EvaluateConfig:
             )
         if self.controller == "walk" and self.perturbed:
             raise InvalidConfig(
-                "perturbed is True: the walking baseline reads the exact state, it is not evaluated under noise, delays and "
-                "pushes: give --no-perturbed, also to the policies that it is compared with"
+                "perturbed is True: the walking baseline reads the exact state, it is not evaluated under noise, "
+                "delays and pushes: give --no-perturbed, also to the policies that it is compared with"
             )
 
 

@@ -236,9 +236,7 @@ def _solve_arms(
 
 
 def _solve_legs(kin: _Kinematics, posture: Posture, carried: CarriedObject | None, object_pos: NDArray) -> None:
-    """Hip pitch, knee and ankle pitch such that the soles are level at the wished depth and under the centre of
-    mass.
-    """
+    """Hip pitch, knee and ankle pitch that put level soles at the demanded depth under the centre of mass."""
     joints = {s: [f"{s}_{k}_joint" for k in ("hip_pitch", "knee", "ankle_pitch")] for s in g1.SIDES}
     index = {s: [g1.ACTION_JOINTS.index(j) for j in joints[s]] for s in g1.SIDES}
     left = [kin.joint_id[j] for j in joints["left"]]
@@ -265,8 +263,8 @@ def _solve_legs(kin: _Kinematics, posture: Posture, carried: CarriedObject | Non
     worst = float(np.abs(residual(found)[0]).max())
     if worst > 1e-3:
         raise CarryInfeasible(
-            f"no stance with the pelvis at {posture.pelvis_height_m:.2f} m and lean {posture.lean_rad:.2f} rad keeps the "
-            f"centre of mass over level feet (missed by {1e3 * worst:.0f} mm): use another height or less lean"
+            f"no stance with the pelvis at {posture.pelvis_height_m:.2f} m and lean {posture.lean_rad:.2f} rad keeps "
+            f"the centre of mass over level feet (missed by {1e3 * worst:.0f} mm): use another height or less lean"
         )
 
 
@@ -353,8 +351,8 @@ def _solve_grasp(kin: _Kinematics, posture: Posture, carried: CarriedObject, gra
     if gap > MAX_GAP_M:
         width = 200.0 * carried.half_extents_m[1]
         raise CarryInfeasible(
-            f"{carried.shape} {width:.0f} cm wide cannot be held between the palms: the nearest reachable grasp misses its "
-            f"sides by {1e3 * gap:.0f} mm (allowed {1e3 * MAX_GAP_M:.0f} mm)"
+            f"{carried.shape} {width:.0f} cm wide cannot be held between the palms: the nearest reachable grasp misses "
+            f"its sides by {1e3 * gap:.0f} mm (allowed {1e3 * MAX_GAP_M:.0f} mm)"
         )
     if inside > MAX_INSIDE_M:
         raise CarryInfeasible(

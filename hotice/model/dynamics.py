@@ -31,14 +31,14 @@ def _check_range(name: str, value: Any) -> None:
         and 0 < value[0] <= value[1] <= MOST_FRICTION  # also false for NaN
     ):
         raise InvalidConfig(
-            f"{name} is {value!r}: None, or a lowest and a highest value above 0 and at most {MOST_FRICTION:g}, are needed"
+            f"{name} is {value!r}: None, or a lowest and a highest value above 0 and at most {MOST_FRICTION:g}, "
+            "are needed"
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicsConfig:
-    """Uniform spread of parameters: a share around the nominal value, or a range in the unit named. Zero or None:
-    nominal.
+    """Uniform spread of parameters: share around the nominal value or range in the unit named; 0 or None: nominal.
 
     What is drawn is what forces, weights and contacts are made of: `tests/sim/test_dynamics_felt.py`,
     `test_friction.py`. Frictions are what contacts feel: the geom of higher priority decides alone

@@ -42,9 +42,7 @@ def navigation_command(
 
 
 def heading_error(c_W: Tensor, speed: Tensor, yaw: Tensor, speed_m_s: float) -> Tensor:
-    """Angle from the robot's heading to the command, (N,) [rad], fading out as the speed does (no turning at the
-    goal).
-    """
+    """Angle from the robot's heading to the command, (N,) [rad]; fades out with the speed (no turning at the goal)."""
     error = torch.atan2(c_W[:, 1], c_W[:, 0]) - yaw
     wrapped = torch.atan2(torch.sin(error), torch.cos(error))
     return wrapped * torch.clamp(2.0 * speed / speed_m_s - 0.5, 0.0, 1.0)

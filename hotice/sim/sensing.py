@@ -103,8 +103,9 @@ class Sensors:
         return read
 
     def measure(self, s: Snapshot, ids: Tensor, joint_offset: Tensor, generator: torch.Generator) -> Snapshot:
-        """The snapshot (n, ...) of environments `ids` as their robots know it; `joint_offset` (n, 20) of the encoders
-        [rad].
+        """Snapshot (n, ...) of environments `ids` as their robots know it.
+
+        joint_offset (n, 20): error of the encoders [rad].
         """
         cfg = self.config
 
@@ -169,9 +170,7 @@ class Sensors:
         return torch.where(self._due(ids), seen, self.root[ids])
 
     def _tracked(self, ids: Tensor, seen: Tensor, turning: Tensor) -> Tensor:
-        """The root (n, 5), moved on with its velocity and turned by the gyro, `turning` (n,) [rad/s]; corrected where
-        due.
-        """
+        """Root (n, 5), moved on by its velocity, turned by the gyro, `turning` (n,) [rad/s]; corrected where due."""
         root, velocity, due = self.root[ids], self.velocity[ids], self._due(ids)
         place = root[:, :3] + velocity * self.dt_s
         yaw = torch.atan2(root[:, 3], root[:, 4]) + turning * self.dt_s
@@ -191,9 +190,7 @@ class Sensors:
         return (self.age[ids] % self.hold_steps == 0)[:, None]
 
     def _filtered(self, s: Snapshot, ids: Tensor, p_PO: Tensor, R_WO: Tensor) -> tuple[Tensor, Tensor]:
-        """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object, both in W, after the newest
-        measurement.
-        """
+        """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object in W after the newest measurement."""
         newest = torch.cat([p_PO[:, None], R_WO[:, :, :2].transpose(1, 2)], dim=1) @ s.R_WP
         gain = torch.clamp(1.0 / self.age[ids], min=self.gain)[:, None, None]
         estimate = torch.lerp(self.object[ids], newest, gain)

@@ -17,8 +17,7 @@ from hotice.sim.snapshot import Grasp
 
 
 class NearStarts:
-    """Places of S scenes in the order of their way to the goal; those within `limit_m` may be drawn, at least the
-    nearest.
+    """Start places of S scenes, nearest to the goal first; those within `limit_m` may be drawn, at least one.
 
     Args:
         bank: the scenes' fields.

@@ -166,9 +166,7 @@ def _properties(kind: str) -> ProximityProperties:
 def _robot_geometry(
     plant: MultibodyPlant, scene_graph: SceneGraph
 ) -> tuple[dict[str, list[GeometryId]], list[tuple[GeometryId, GeometryId]]]:
-    """The robot's geometries: all, those that floor or object do not meet, and pairs that do meet; sets their
-    materials.
-    """
+    """Geometries of the robot: all, those that miss floor or object, and pairs that meet; also sets their materials."""
     bits = {}
     model = models.robot_spec(20).compile()
     for i in range(model.ngeom):
@@ -225,7 +223,8 @@ def _add_fixed(plant: MultibodyPlant, X_WG: RigidTransform, shape: Shape, name: 
 def _shape(obstacle: Any) -> Shape:
     if obstacle.shape.type == "mesh":
         raise NotAvailable(
-            f"obstacle {obstacle.name!r} is a triangle mesh, which plant 'drake' cannot touch exactly: use plant 'mujoco'"
+            f"obstacle {obstacle.name!r} is a triangle mesh, which plant 'drake' cannot touch exactly: "
+            "use plant 'mujoco'"
         )
     return primitive(*obstacle.shape.mujoco_geom())
 

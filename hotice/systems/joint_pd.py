@@ -29,9 +29,7 @@ def pd_torque(target: Array, q: Array, qd: Array, kp: Array, kd: Array, limit: A
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointServo:
-    """Gains kp [N m/rad] and kd [N m s/rad], torque limit [N m] and error of the encoder [rad] of the actuated joints,
-    (20,).
-    """
+    """Gains kp [N m/rad], kd [N m s/rad], torque limit [N m] and encoder error [rad] of actuated joints, (20,) each."""
 
     kp: Array
     kd: Array
@@ -56,9 +54,7 @@ class JointServo:
 
     @classmethod
     def commanding(cls, model: mujoco.MjModel) -> JointServo:
-        """The same, closed around motors of the drawn strength (`station_plant.to_motors`): in torques as they are
-        commanded.
-        """
+        """The same around motors of the drawn strength (`station_plant.to_motors`), in torques as commanded."""
         servo = cls.of_model(model)
         strength = servo.limit / torque_limits()
         return cls(kp=servo.kp / strength, kd=servo.kd / strength, limit=servo.limit / strength, offset=servo.offset)

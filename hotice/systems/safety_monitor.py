@@ -112,9 +112,7 @@ def _find_fault(state, command, middle, half_range, cos_tilt, margin):
 
 
 def safe_torque(state: Array, posture: SafePosture, fault: Fault) -> Array:
-    """Torques (20,) that hold the posture; of a falling robot, that only damp; static where a joint's state is
-    unknown.
-    """
+    """Torques (20,) that hold the posture, only damp in a fall, and are static where a joint's state is unknown."""
     q, qd = state[JOINT_POS], state[JOINT_VEL]
     known = np.isfinite(q) & np.isfinite(qd)
     target = q if fault is Fault.TILT else posture.target

@@ -187,9 +187,7 @@ class TaskConfig:
         return round(self.episode_s / self.control_dt_s)
 
     def perturbed(self) -> TaskConfig:
-        """The task under noise, delay, pushes and uncertain dynamics, as students are trained; for evaluation see
-        `protocols`.
-        """
+        """The task under noise, delay, pushes, uncertain dynamics, as for students; for evaluation see `protocols`."""
         return replace(
             self, sensing=STUDENT_SENSING, dynamics=student_dynamics(self.physics_dt_s), push_m_s=STUDENT_PUSH_M_S
         )

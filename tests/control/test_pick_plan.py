@@ -243,7 +243,8 @@ def test_a_cached_plan_costs_neither_drake_nor_casadi(planner, plan):
         "import sys, numpy as np\n"
         "from hotice.control.pick_plan import Planner, Support\n"
         "from hotice.model import Box\n"
-        f"p = Planner(Box({BOX.size_m}, {BOX.mass_kg}), Support(top_m=0.52, near_m=0.24), folder={str(planner.folder)!r})\n"
+        f"box, support = Box({BOX.size_m}, {BOX.mass_kg}), Support(top_m=0.52, near_m=0.24)\n"
+        f"p = Planner(box, support, folder={str(planner.folder)!r})\n"
         f"p.plan(p.start_q, {PLACE.tolist()}, {QUAT.tolist()})\n"
         "assert not {'pydrake', 'casadi', 'adam'} & set(sys.modules)\n"
     )

@@ -1,6 +1,4 @@
-"""How one object is gripped and held, wherever it stands: height of the palms, locked wrists, the carry state it ends
-in.
-"""
+"""Grip of one object, wherever it stands: height of the palms, locked wrists, the carry state it ends in."""
 
 from __future__ import annotations
 

@@ -20,8 +20,9 @@ class Plans:
         self.planner = planner
 
     def foresee(self, memory: PickupMemory, m: Measurement) -> None:
-        """Plans for the object as it is seen before the first step; what hinders is left to be told when it is time to
-        go.
+        """Plan for the object as seen before the first step, kept in `memory.plan`.
+
+        If no plan exists, `memory.plan` stays None and `choose` reports why when the motion begins.
         """
         try:
             memory.plan = self._plan(memory, m)

@@ -1,5 +1,4 @@
-"""Step adjustment: where and when the swing foot lands, and how far the zero-moment point leaves the middle of the
-sole.
+"""Step adjustment: place and time of the next landing, and the zero-moment point's distance from the sole's middle.
 
 With the zero-moment point at r + delta, r the middle of the stance foot, the DCM at the landing in time T is
 

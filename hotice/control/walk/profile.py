@@ -110,9 +110,7 @@ def plan_profile(pf: HodPf, path: WalkPath, table: list[WalkPosture], config: Wa
 
 
 def _overhead(overhead: list[Obstacle], margin_m: float, xy: Array, yaw: Array, body: BodySpheres) -> Array:
-    """Least clearance of body and load at each station to what hangs overhead, (S,) [m]; the load's beyond its
-    margin.
-    """
+    """Least clearance of body and load to what hangs overhead, per station, (S,) [m]; the load's beyond its margin."""
     least = np.full(len(xy), np.inf)
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     for points, radius, margin in ((body.robot, body.radius, 0.0), (body.load, 0.0, margin_m)):

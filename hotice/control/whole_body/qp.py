@@ -79,9 +79,7 @@ class QpConfig:
 
 @dataclass(kw_only=True)
 class QpMemory:
-    """What lasts from solve to solve: warm start, last safe torque (20,) and its joint angles (20,), counters of
-    faults.
-    """
+    """Memory from solve to solve: warm start, last safe torque (20,), its joint angles (20,), counters of faults."""
 
     guess: Guess
     torque: Array
@@ -136,8 +134,7 @@ class WholeBodyQp:
     def solve(
         self, measurement: Measurement, targets: Targets, contacts: Contacts, memory: QpMemory, *, updated: bool = False
     ) -> Array:
-        """Torques (20,) [N m], written into `memory` too; the last safe ones where this state has none, which is
-        counted.
+        """Torques (20,) [N m], also written into `memory`; on failure the last safe ones, and a fault is counted.
 
         `updated` says that `terms` already describe the measurement.
         """

@@ -1,5 +1,4 @@
-"""What the dynamics of the robot are at one state: mass matrix, bias forces, and Jacobians of the frames that have
-tasks.
+"""Terms of the robot's dynamics at one state: mass matrix, bias forces, Jacobians of the frames that have tasks.
 
 Pinocchio computes, into views that are taken once; a compiled function turns them into frame Jacobians in place. v and
 a are Pinocchio's: twist of the pelvis in its own frame (linear, angular), then the 20 joints of `g1.ACTION_JOINTS`.
@@ -31,9 +30,7 @@ _SOURCE = ("pelvis_site", "left_ankle_roll_link", "right_ankle_roll_link", "left
 
 
 def robot_model(wrist_pos: ArrayLike | None = None) -> pinocchio.Model:
-    """The robot with free base and 20 joints, waist locked at zero and wrists at `wrist_pos` (6,) [rad], default
-    zero.
-    """
+    """The robot with free base and 20 joints; waist locked at zero, wrists at `wrist_pos` (6,) [rad], default zero."""
     import pinocchio as pin
 
     wrist = np.zeros(6) if wrist_pos is None else np.asarray(wrist_pos, dtype=float)

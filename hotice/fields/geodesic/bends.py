@@ -89,8 +89,7 @@ def extend(space, margin, row, b, x):
 
 @compiled(nogil=True, error_model="numpy")
 def _focused(space, a, b, e, radius, way):
-    """Radius sideways, along e, of a wave that creeps `way` along the wall from a to b: `radius` if the wall is flat
-    along e.
+    """Radius sideways, along e, of a wave that creeps `way` along the wall from a to b; `radius` if the wall is flat.
 
     Half of the turn on the way focuses the wave at either end (Jacobi's equation for the distance of near geodesics).
     """

@@ -1,5 +1,4 @@
-"""Is a straight segment free of a triangle mesh, in compiled code: exact distances of the whole segment, not of its
-points.
+"""Clearance of straight segments from a triangle mesh, in compiled code: of whole segments, not of their points.
 
 A segment that meets no triangle is as far from the mesh as the nearest triangle. Where it meets some, or starts on one,
 its depth is looked at between the places where it passes through the surface.
@@ -82,9 +81,7 @@ def _to_edge(a, d, p, e):
 
 @compiled(nogil=True, error_model="numpy")
 def _to_triangle(triangles, t, a, d, b):
-    """(squared distance, f, through): of segment a + f d, which ends at b, to triangle t; where it passes `through`,
-    0.
-    """
+    """(squared distance, f, through) of segment a + f d, which ends at b, to triangle t; 0 if it passes `through`."""
     p, q, r = _corner(triangles, t, 0), _corner(triangles, t, 1), _corner(triangles, t, 2)
     u, v, w = _minus(q, p), _minus(r, p), _minus(a, p)
     n = _cross(u, v)

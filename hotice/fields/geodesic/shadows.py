@@ -1,6 +1,4 @@
-"""Which grid nodes see the goal, in compiled code: whole blocks of nodes at once, node by node along the shadow
-lines.
-"""
+"""Visibility of the goal from grid nodes, in compiled code: whole blocks at once, node by node along shadow lines."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""What must hold after every update, before anything is saved: finite networks, and physics that mostly stays in one
-piece.
-"""
+"""Health check after every update, before anything is saved: finite networks, few diverged environments."""
 
 from __future__ import annotations
 

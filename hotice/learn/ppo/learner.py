@@ -1,6 +1,4 @@
-"""What dual PPO and distillation share: networks, an optimiser with one group an agent, draws of actions, safe
-descent.
-"""
+"""Common part of dual PPO and distillation: networks, optimiser with one group per agent, actions, safe descent."""
 
 from __future__ import annotations
 

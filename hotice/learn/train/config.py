@@ -195,6 +195,6 @@ def _check_students(task: TaskConfig) -> None:
     for name in ("sensing", "dynamics", "push_m_s"):
         if getattr(task, name) not in (getattr(exact, name), getattr(student, name)):
             raise InvalidConfig(
-                f"{name} is given by hand, and perturbed takes the students' numbers in its place: give --no-perturbed, and "
-                "every source of perturbation by hand"
+                f"{name} is set explicitly, but --perturbed replaces it by the students' values: use --no-perturbed "
+                "and set every source of perturbation yourself"
             )

@@ -125,9 +125,7 @@ def _grid(scene: Scene, resolution: float, far: float) -> BodyGrid:
 def _sampled_distance(
     scene: Scene, origin: NDArray[np.float64], nodes: NDArray[np.integer], resolution: float, far: float
 ) -> NDArray[np.float32]:
-    """Exact signed distance at grid nodes, cut at `far`; in each block of nodes, of the obstacles that may be
-    nearest.
-    """
+    """Exact signed distance at grid nodes, cut at `far`; each block of nodes asks the obstacles that may be nearest."""
     blocks = -(-nodes // BLOCK)
     step = np.stack(np.meshgrid(*3 * [resolution * np.arange(BLOCK)], indexing="ij"), axis=-1).reshape(-1, 3)
     corner = origin + resolution * BLOCK * np.stack(np.unravel_index(np.arange(blocks.prod()), blocks), axis=-1)

@@ -310,8 +310,8 @@ def import_front3d(config: Front3dConfig) -> int:
     if share := found.report.missing_share:
         folders = ", ".join(map(str, config.models))
         console.print(
-            f"{100 * share:.0f} % of the furniture is missing: its models are not in {folders}; where the data set came in "
-            "parts, give all of them (--models A B ...)",
+            f"{100 * share:.0f} % of the furniture is missing: its models are not in {folders}; where the data set "
+            "came in parts, give all of them (--models A B ...)",
             markup=False,
             soft_wrap=True,
         )

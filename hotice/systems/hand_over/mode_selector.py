@@ -1,5 +1,4 @@
-"""Who commands: the pick-up until the object is held, then the policy, or the walking baseline where the policy is not
-fit.
+"""Source of the command: the pick-up until the object is held, then the policy or, if that is unfit, the walk.
 
 Where neither is, the pick-up goes on holding the object.
 """

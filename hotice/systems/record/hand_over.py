@@ -1,6 +1,4 @@
-"""What the logs of a station tell of its hand-over: when, to whom and why, and whether the object stayed in the
-hands.
-"""
+"""Report of a station's hand-over from its logs: when, to whom and why, and whether the hands kept the object."""
 
 from __future__ import annotations
 

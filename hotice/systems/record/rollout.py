@@ -100,8 +100,7 @@ def _carried_from(phase: SignalLog, rows: int) -> int:
 
 
 def judge(station: Station, qpos: Array) -> str:
-    """How a rollout of states (T, 43) ended, exact geometry: the first of collision, fall, drop and success that
-    happens.
+    """Outcome of a rollout of states (T, 43), exact geometry: first of collision, fall, drop and success.
 
     Conditions are the task's (`hotice.sim.terminations`); collisions are looked for at the states given. A pick-up is
     judged from where it holds the object; one that never does has run out of time.

@@ -204,6 +204,7 @@ def plan_pick(station: Station) -> PickSetting:
 
 def _out_of_reach(config: StationConfig, why: PickInfeasible) -> PickInfeasible:
     return PickInfeasible(
-        f"the {config.carried.shape} cannot be picked up with support_height_m {config.support_height_m:g} and support_near_m "
-        f"{config.support_near_m:g}: {why}; move the support (0.25 m before the feet and 0.5 to 0.7 m high suit most objects)"
+        f"the {config.carried.shape} cannot be picked up with support_height_m {config.support_height_m:g} and "
+        f"support_near_m {config.support_near_m:g}: {why}; move the support (0.25 m before the feet and 0.5 to 0.7 m "
+        "high suit most objects)"
     )

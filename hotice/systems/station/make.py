@@ -82,9 +82,7 @@ class Station(Diagram):
 
     @cached_property
     def walk_plan(self) -> Any:
-        """Footsteps and postures to the goal. Raises `UnreachableGoal`, or `NotAvailable` without the walking
-        baseline.
-        """
+        """Footsteps and postures to the goal. Raises `UnreachableGoal`; `NotAvailable` without the walking baseline."""
         try:
             from hotice.control.walk import plan_walk
         except ModuleNotFoundError as error:

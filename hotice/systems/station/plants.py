@@ -74,9 +74,7 @@ def station_model(station: Station) -> mujoco.MjModel:
 
 
 def station_robot(station: Station) -> mujoco.MjModel:
-    """The compiled model of a station with position servos; its parameters are drawn from the station's dynamics and
-    seed.
-    """
+    """Compiled model of a station with position servos, its parameters drawn from the station's dynamics and seed."""
     carry, config = station.carry, station.config
     model = models.build_model(
         carry.carried,

@@ -1,5 +1,4 @@
-"""First guess of the grasp and of the carry state together: a grasp is worth what the carry state is that its hold
-leads to.
+"""First guess of grasp and carry state together, for a grasp is worth as much as the carry state that it leads to.
 
 Hands that hold an object keep their poses relative to each other, and with locked wrists that leaves two arms of four
 joints next to no choice: where the object comes to be, level, before an upright pelvis, follows from the grasp alone.

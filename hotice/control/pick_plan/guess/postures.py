@@ -67,9 +67,7 @@ class Guess:
         return self.terms.lower + JOINT_MARGIN_RAD, self.terms.upper - JOINT_MARGIN_RAD
 
     def pregrasp(self, grasp: Array, p_OH: Array) -> Array:
-        """As the grasp, with the palms off the object by `PREGRASP_GAP_M`; p_OH (2, 3) are the hands at the grasp, in
-        O.
-        """
+        """Posture of the grasp, palms `PREGRASP_GAP_M` off the object; p_OH (2, 3) are the hands at the grasp, in O."""
         grip, pose, before = self.task.grip, self.task.pose, self._before(grasp)
 
         def rows(p: Pose) -> list[Rows]:

@@ -1,6 +1,4 @@
-"""What is demanded of keyframes, as constraints of the inverse kinematics: a stance, palms beside the object,
-clearances.
-"""
+"""Constraints of the keyframes' inverse kinematics: a stance, palms beside the object, clearances."""
 
 from __future__ import annotations
 
