@@ -36,8 +36,12 @@ def _run(argv: list[str]) -> int:
     import tyro
 
     from hotice.commands import table as commands
+    from hotice.commands.help_text import unbroken_help
 
-    return tyro.extras.subcommand_cli_from_dict(commands.COMMANDS, args=argv, prog="hotice", description=__doc__) or 0
+    with unbroken_help():
+        return (
+            tyro.extras.subcommand_cli_from_dict(commands.COMMANDS, args=argv, prog="hotice", description=__doc__) or 0
+        )
 
 
 def _drop_unwritten() -> None:
