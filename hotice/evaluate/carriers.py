@@ -1,4 +1,4 @@
-"""Who carries in an evaluation: a policy, or the walking baseline, which is planned from a model."""
+"""Carriers in an evaluation: a policy, or the walking baseline, which is planned from a model."""
 
 from __future__ import annotations
 

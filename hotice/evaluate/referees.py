@@ -1,4 +1,4 @@
-"""Who decides how a trial went, and what: pure functions of what was seen in each control step.
+"""Referees, who decide how a trial went: pure functions of what was seen in each control step.
 
 Both referees know the same events, and the first one decides; in one step a diverged simulation comes before a fall, a
 fall before a drop, a drop before a collision, the robot's before the object's, and any of them before success. They

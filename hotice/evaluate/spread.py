@@ -1,4 +1,4 @@
-"""Whether trials of the same number in different scenes are independent: the spread of success over trial numbers.
+"""Independence of trials of the same number in different scenes: the spread of success over trial numbers.
 
 If they are, the mean success over S scenes of one trial number has the variance Σ p (1 − p) / S², p being the rates of
 scenes. If robots, noise or pushes were shared by scenes, lucky numbers would be lucky in all of them, and a report's

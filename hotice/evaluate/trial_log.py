@@ -1,4 +1,4 @@
-"""What happens in trials that run side by side, step by step, until none has anything left to show."""
+"""Log of trials that run side by side, step by step, until none has anything left to show."""
 
 from __future__ import annotations
 

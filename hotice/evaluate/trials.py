@@ -1,4 +1,4 @@
-"""What came of trials, and where they are kept while an evaluation runs."""
+"""Results of trials, and their storage while an evaluation runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well motion follows a field, and how the field enters the observation (IV-A). Any device, any leading axes."""
+"""Alignment of motion with a field, and the field's place in the observation (IV-A). Any device, any leading axes."""
 
 from __future__ import annotations
 

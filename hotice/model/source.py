@@ -1,4 +1,4 @@
-"""Where a scene comes from: the map file, and the transform by which a pose in that map becomes one in the scene.
+"""Source of a scene: the map file, and the transform by which a pose in that map becomes one in the scene.
 
 A robot that localizes itself in the map (a pose in the map's own frame and unit) needs it to know where it is in the
 scene.

@@ -1,4 +1,4 @@
-"""What the robot knows of itself and the object at one instant: the sensed part of the policy's input.
+"""Percept: what the robot knows of itself and the object at one instant, the sensed part of the policy's input.
 
 True, when computed from a state by `PerceptModel`; with noise, after a sensor model. Frames: W world, P pelvis, O
 object.

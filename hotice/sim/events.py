@@ -1,4 +1,4 @@
-"""What happens to episodes from outside: starts and pushes."""
+"""Events that come to episodes from outside: starts and pushes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands between the simulated state and the actor: noise, delays and a root pose that is refreshed now and then.
+"""Sensing between the simulated state and the actor: noise, delays and a root pose that is refreshed now and then.
 
 Rewards, critics and terminations read the true snapshot; the actor reads what `Sensors.measure` makes of it. The
 estimate of the object is one: its pose in the observation and the points where its field is queried agree. All zero

@@ -1,4 +1,4 @@
-"""What a curriculum may hold back at first: starts far from the goal, and large objects.
+"""Stages that a curriculum may hold back at first: starts far from the goal, and large objects.
 
 Nothing here is random by itself or learns; `hotice.learn.train.curriculum.Stages` says how much is allowed. What the
 starts are is in `hotice.sim.starts`.

@@ -1,4 +1,4 @@
-"""What an object stands on before it is picked up."""
+"""Support of an object before it is picked up."""
 
 from __future__ import annotations
 

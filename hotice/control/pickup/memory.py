@@ -1,4 +1,4 @@
-"""What a pick-up remembers from step to step."""
+"""Memory of a pick-up from step to step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a step of a pick-up does beside being at a configuration."""
+"""Motion of a pick-up in one step, beside the configuration of its reference."""
 
 from __future__ import annotations
 

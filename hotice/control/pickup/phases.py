@@ -1,4 +1,4 @@
-"""What comes next: the phases of a pick-up, what each asks of the robot and when it ends."""
+"""Phases of a pick-up: what each asks of the robot, when it ends and what follows."""
 
 from __future__ import annotations
 

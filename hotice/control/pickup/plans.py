@@ -1,4 +1,4 @@
-"""Which plan is followed: one made ahead, as long as feet and object are where it has them; else a new one.
+"""Choice of the plan to follow: one made ahead, as long as feet and object are where it has them; else a new one.
 
 Making a plan takes longer than a control step, and the torques of the last step go on meanwhile. The first plan is
 therefore made before the first step, while the robot stands; in a step one is made only for an object that has moved

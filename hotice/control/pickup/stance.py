@@ -1,4 +1,4 @@
-"""Where the robot stands when a pick-up begins: the frame G in which it is planned and done."""
+"""Stance at the start of a pick-up: the frame G in which it is planned and done."""
 
 from __future__ import annotations
 

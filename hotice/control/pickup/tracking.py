@@ -1,4 +1,4 @@
-"""How it is done: tasks and contacts of the whole-body QP that follow the reference of a pick-up."""
+"""Tracking of a pick-up's reference: tasks and contacts of the whole-body QP."""
 
 from __future__ import annotations
 

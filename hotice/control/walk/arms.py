@@ -1,4 +1,4 @@
-"""How the arms hold the load level while the trunk leans.
+"""Arm angles that hold the load level while the trunk leans.
 
 Palms stick to the object, so both move as one chain: four joints of each arm, and the object's height, distance and
 pitch. With the wrists locked one degree of freedom is left, and it turns the object about the hands' axis: the forearms

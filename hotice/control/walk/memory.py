@@ -1,4 +1,4 @@
-"""What the walking controller remembers from one control step to the next."""
+"""Memory of the walking controller from one control step to the next."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How high the pelvis is and how far the trunk leans along the way: as upright as what hangs overhead allows.
+"""Pelvis height and lean of the trunk along the way: as upright as what hangs overhead allows.
 
 A table of postures from upright to crouched; at each station of the way the most upright one whose head, trunk and load
 keep their clearance, robot by the Standard Guidance Field's signed distance, load by the Object-Centric one's, which

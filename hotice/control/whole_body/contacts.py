@@ -1,4 +1,4 @@
-"""Who touches what: four points per foot on the floor, one per hand on the object, linearised friction cones, the load.
+"""Contacts: four points per foot on the floor, one per hand on the object, linearised friction cones, the load.
 
 The object's mass enters as the load of the hands: m (a_O − g) = −Σ f over both hands, where a_O is the mean
 acceleration of the points at which they hold it.

@@ -1,4 +1,4 @@
-"""Where a shortest path last bends, in compiled code, as a row of 11 numbers: b (3), o (3), e (3), L, d.
+"""Last bend of a shortest path, in compiled code, as a row of 11 numbers: b (3), o (3), e (3), L, d.
 
 The path comes from a point o, d from the goal, over edges that all run along the unit vector e and bends last at b, L
 from o when measured across e. Such a path unfolds to a straight line (Keller's law: it crosses all edges at one angle),

@@ -1,4 +1,4 @@
-"""Is a straight segment free, in compiled code.
+"""Free straight segments between analytic obstacles, in compiled code.
 
 Boxes, cylinders and capsules are convex, so the signed distance to one of them is a convex function along a segment:
 its least value follows from a few values and slopes by cutting planes (Kelley 1960), and a segment that leaves one

@@ -1,4 +1,4 @@
-"""What a checkpoint owes to others: the environment steps of every checkpoint that its weights or labels come from."""
+"""Lineage of a checkpoint: the environment steps of every checkpoint that its weights or labels come from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What teachers said about the states of the last rollouts."""
+"""Teacher labels of the states of the last rollouts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which family a scene is of, read from its name: generated scenes and those of sets are named after it."""
+"""Family of a scene, read from its name: generated scenes and those of sets are named after it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a person-sized robot gets through a scene with what it carries: a search over places, headings and postures.
+"""Passage of a person-sized robot with its load through a scene: a search over places, headings and postures.
 
 Places lie on a grid through the start (4 cm), with 16 headings and the postures of `envelope`. A state is free when the
 envelope keeps `MARGIN_M` away from every obstacle, by the scene's exact distance interpolated between grid nodes. Moves

@@ -1,4 +1,4 @@
-"""What a user says about a map that becomes a scene."""
+"""Options of a map that becomes a scene, as a user gives them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which way up a cloud is: a lidar that hangs upside down maps the floor above the ceiling.
+"""Upright direction of a cloud: a lidar that hangs upside down maps the floor above the ceiling.
 
 Things stand on a floor and rise from it; below it is nothing. Both ways up are fitted and compared by the cells that
 agree with

@@ -1,4 +1,4 @@
-"""What happened in a station: logs of every signal, a rollout record, pages and pictures to look at."""
+"""Record of a station's run: logs of every signal, a rollout record, pages and pictures to look at."""
 
 # pydrake's stubs type arrays as numpy does not:
 # pyright: reportArgumentType=false

@@ -1,4 +1,4 @@
-"""Where to go after a pick-up before a policy takes over: away from the table, with the command ahead."""
+"""Departure after a pick-up, before a policy takes over: away from the table, with the command ahead."""
 
 from __future__ import annotations
 
