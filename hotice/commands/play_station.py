@@ -49,7 +49,7 @@ def record_stations(config: PlayConfig, scenes: Iterable[Scene]) -> list[Rollout
     if told:
         handed, held = (sum(report.time_s is not None and report.held == h for report in told) for h in (False, True))
         walked = sum(report.fell_back for report in told)
-        print(f"hand-overs: {handed} of {len(told)}; fallbacks to walk: {walked}; held, neither being fit: {held}")
+        print(f"hand-overs: {handed} of {len(told)}; fallbacks to walk: {walked}; kept holding: {held}")
     return [run.record for run in runs]
 
 

@@ -51,7 +51,7 @@ class Conditions:
     perturbed: bool = True
     """Whether the perturbations act."""
     without: tuple[str, ...] = ()
-    """Of these, what is switched off."""
+    """Sources of perturbation that are switched off."""
     horizon_s: float = 5.0
     """Time limit (paper: 5 s)."""
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from hotice.sim.env import TransportEnv
 
 FASTEST = 1e3
-"""Of any velocity: what is faster has diverged."""
+"""Limit of any velocity [m/s or rad/s]: what is faster has diverged."""
 
 
 @dataclass(frozen=True)

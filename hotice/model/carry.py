@@ -130,7 +130,7 @@ class _Kinematics:
         return self.data.geom_xpos[self.palm_id[side]].copy()
 
     def point_jacobian(self, points: NDArray, joints: list[int]) -> NDArray:
-        """Of points (N, 3) carried by all of the joint ids, by their angles: axis × arm, (N, 3, J)."""
+        """Jacobian (N, 3, J) of points (N, 3) carried by all of the joint ids, by their angles: axis × arm."""
         arm = points[:, None] - self.data.xanchor[joints]
         return np.moveaxis(np.cross(self.data.xaxis[joints], arm), 1, 2)
 

@@ -31,7 +31,7 @@ class MapSource:
     file: str
     """Name of the map's file, without its folder."""
     sha256: str
-    """Of the file's bytes, 64 lower-case hexadecimal digits: which map the transform is for."""
+    """Digest of the file's bytes, 64 lower-case hexadecimal digits: tells which map the transform is for."""
     unit_m: float
     """Metres per unit of the file."""
     position_m: tuple[float, float, float]

@@ -44,7 +44,7 @@ from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, TOUCHING_BODIES
 
 Array = NDArray[np.float64]
 STIFFNESS_N_M, DISSIPATION_S_M = 5e4, 10.0
-"""Of each contact point: a standing robot sinks in by less than 1 mm."""
+"""Stiffness and dissipation of each contact point: a standing robot sinks in by less than 1 mm."""
 FLOOR_M = (100.0, 100.0, 1.0)
 """A box: Drake warns of half spaces."""
 FRICTION = {"object": 2.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "trunk": 0.5, "robot": 1.0}

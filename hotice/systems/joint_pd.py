@@ -38,13 +38,13 @@ class JointServo:
 
     @classmethod
     def of_g1(cls) -> JointServo:
-        """Of `g1.gains` and the robot's description."""
+        """Servo of `g1.gains` and the robot's description."""
         kp, kd = g1.gains()
         return cls(kp=kp, kd=kd, limit=torque_limits(), offset=np.zeros(NUM_JOINTS))
 
     @classmethod
     def of_model(cls, model: mujoco.MjModel) -> JointServo:
-        """Of the position servos of a model of `builder.build_model`, perturbed or not."""
+        """Servo like the position servos of a model of `builder.build_model`, perturbed or not."""
         return cls(
             kp=model.actuator_gainprm[:, 0].copy(),
             kd=-model.actuator_biasprm[:, 2],

@@ -91,7 +91,7 @@ class TaskConfig:
     gait_hz: float = 1.4
     """Step clock (CAT: 1.3 to 1.5)."""
     swing_height_m: float = 0.10
-    """Wished height of a swinging sole at its peak (ours; CAT 0.07)."""
+    """Target height of a swinging sole at its peak (ours; CAT 0.07)."""
     resolution_m: float = 0.04
     """Grid of the fields (CAT)."""
     margin_m: float = 0.08

@@ -34,7 +34,7 @@ READY_ARM = np.array([0.8, 0.6, 0.9, -0.7])  # left: hands wide and drawn back [
 
 @dataclass(frozen=True, kw_only=True)
 class Grip:
-    """Of one object from one support.
+    """Grip of one object from one support.
 
     Attributes:
         above_m: height of the palms above the object's centre.

@@ -42,23 +42,23 @@ class QpConfig:
     solver: str = "proxqp"
     """"proxqp" or "osqp"."""
     tolerance: float | None = None
-    """Of the solver's residuals; None: its own, 1e-5 of ProxQP, 1e-6 of OSQP."""
+    """Tolerance of the solver's residuals; None: its own, 1e-5 of ProxQP, 1e-6 of OSQP."""
     foot_friction: float = 0.6
-    """Of the cones of the feet; the soles' own is 1."""
+    """Friction coefficient of the feet's cones; the simulated soles have 1.0."""
     hand_friction: float = 1.0
-    """Of the cones of the hands; the palms' own is 2."""
+    """Friction coefficient of the hands' cones; the simulated palms have 2.0."""
     torque_share: float = 0.95
-    """Of the torque limits."""
+    """Share of the torque limits that may be used."""
     stand_weight: float = 300.0
-    """Of the rows that keep a standing foot where it is."""
+    """Weight of the rows that keep a standing foot where it is."""
     stand_damping: float = 20.0
-    """Of a standing foot's velocity [1/s]."""
+    """Damping of a standing foot's velocity [1/s]."""
     force_weight: float = 1e-4
-    """Of squared foot forces [1/N²]."""
+    """Weight of squared foot forces [1/N²]."""
     hand_weight: float = 1.0
-    """Of the squared difference to the wished hand forces [1/N²]."""
+    """Weight of the squared difference to the target hand forces [1/N²]."""
     acceleration_weight: float = 1e-3
-    """Of squared accelerations."""
+    """Weight of squared accelerations."""
     limit_horizon_s: float = 0.1
     """Joints may move such that they stop within their limits in this time."""
     deadline_s: float | None = None

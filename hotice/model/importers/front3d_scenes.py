@@ -275,7 +275,7 @@ class Front3dConfig:
     count: int = 10
     """Scenes wanted."""
     seed: int = 0
-    """Of the order in which ways are tried."""
+    """Seed of the order in which ways are tried."""
     size_m: Size = LARGE_M
     """Along the way, across, up."""
 

@@ -29,8 +29,8 @@ HOLD = (200.0, 40.0)
 PLACE_WEIGHT, YAW_WEIGHT, COM_WEIGHT = np.array([8.0, 20.0, 10.0]), 4.0, 12.0
 HEIGHT_WEIGHT, TURN_WEIGHT, POSTURE_WEIGHT = 100.0, 20.0, 0.3
 TRAVEL_WEIGHT = 0.3
-"""Of how far the arms are at the grasp from where they are in the carry state: between stretched and bent arms the
-retreat has to turn the body aside."""
+"""Weight of how far the arms at the grasp are from the carry state's: between stretched and bent arms the retreat has
+to turn the body aside."""
 STARTS = ((0.0, 0.0, 0.0), (0.2, -0.1, 0.25), (0.5, -0.05, 0.0), (0.0, -0.25, 0.7), (0.3, -0.3, 0.8))
 """Lean [rad], drop of the pelvis [m] and half the bend of the knees [rad] to start the grasp from."""
 ROUGH, EXACT = (12.0, 2.0), (300.0, 0.3)

@@ -1,4 +1,4 @@
-"""First guesses of the keyframes: bounded least squares over robot pose and joints, where every wish is soft.
+"""First guesses of the keyframes: bounded least squares over robot pose and joints, where every target is soft.
 
 A guess may miss what it is asked for; `keyframes` turns it into a configuration that keeps its constraints or says
 which it cannot.
@@ -85,7 +85,7 @@ class Guess:
         return self._solve(grasp, ready, posture_weights(1.0), self._before(grasp))
 
     def held(self, start: Array, posture: Array, hands: Frames, at: ObjectPose, rpy: Array, *, arms: float) -> Array:
-        """Hands at their poses with the object at `at`, near `start` and `posture`; `rpy`: wished turn of the pelvis.
+        """Hands at their poses with the object at `at`, near `start` and `posture`; `rpy`: target turn of the pelvis.
 
         While the robot has to step back next, the pelvis stays so low that the legs can step.
         """
@@ -166,7 +166,7 @@ class Guess:
 
 
 def posture_weights(arms: float) -> Array:
-    """Of the joints' posture, (20,): light legs."""
+    """Weights of the joints' posture, (20,): light legs."""
     weight = np.full(20, arms)
     weight[g1.LOWER] = LEG_WEIGHT
     return weight

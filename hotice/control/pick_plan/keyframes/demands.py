@@ -25,7 +25,7 @@ spheres slip where more is demanded (trial 1 of `benchmarks.pickup --shape spher
 
 
 class Demands:
-    """Of one task."""
+    """Demands of one task."""
 
     def __init__(self, task: PickTask, robot: DrakeRobot) -> None:
         self.task, self.robot = task, robot

@@ -172,7 +172,7 @@ class KeyframeSolver:
     ) -> Array:
         """Hands as they hold the object at `at`, which may be off by `free` [m], [rad].
 
-        quat (4,): wished turn of the pelvis, xyzw; `pelvis_m`: its height, where that is demanded.
+        quat (4,): target turn of the pelvis, xyzw; `pelvis_m`: its height, where that is demanded.
         """
         mass = self.task.grip.carried.mass_kg
         ik = self._demand.standing(mass, at.p_WO)

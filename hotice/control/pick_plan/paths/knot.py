@@ -131,7 +131,7 @@ def _feet(out, part):
 
 
 def _turn(R, wished):
-    """Small turn from `wished` to R, (3,) [rad]."""
+    """Small turn from the target `wished` to R, (3,) [rad]."""
     import casadi as cs
 
     E = R @ wished.T
