@@ -26,9 +26,7 @@ def _travelling(s: Snapshot) -> Tensor:
 
 
 def _at_command(s: Snapshot) -> Tensor:
-    """The object-centric field at the commanded speed, so that F − c vanishes where no obstacle bends it, (N, 10,
-    3).
-    """
+    """Object-centric field at the commanded speed, (N, 10, 3): F − c vanishes where no obstacle bends it."""
     return s.ogf.force_W * (s.speed / s.eta)[:, None, None]
 
 

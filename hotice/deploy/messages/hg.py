@@ -1,7 +1,7 @@
 """The messages of Unitree's humanoids (`unitree_hg`): LowCmd, LowState, IMU and battery, field by field.
 
-Names, order and types: the vendor's published definitions (unitree_sdk2, unitree_sdk2_python; BSD-3-Clause). Units: rad,
-rad/s, N m, m/s² and percent. Joints: slot i is `g1.ALL_JOINTS[i]`, slots 29 to 34 are not used.
+Names, order and types: the vendor's published definitions (unitree_sdk2, unitree_sdk2_python; BSD-3-Clause). Units:
+rad, rad/s, N m, m/s² and percent. Joints: slot i is `g1.ALL_JOINTS[i]`, slots 29 to 34 are not used.
 """
 
 from hotice.deploy.messages.structs import Field, Struct

@@ -249,7 +249,7 @@ class Runner:
     def load(self, path: Path) -> None:
         """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one.
 
-        With other ranks, environments, scenes, task or perturbations episodes begin again, and `anew` holds a message that says so.
+        With other ranks, environments, scenes, task or perturbations episodes begin again; `anew` holds the message.
         """
         tensors, meta = load_checkpoint(path, self.env.device)
         with _same_version(path):

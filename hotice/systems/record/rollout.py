@@ -1,4 +1,4 @@
-"""What happened in a station, as a rollout record, and how it ended."""
+"""Record of what happened in a station, as a rollout, and how it ended."""
 
 # pydrake's stubs type arrays as numpy does not:
 # pyright: reportArgumentType=false

@@ -122,18 +122,14 @@ class StationSetup:
         return drawn_robot(self.config, self.world, self.carry, self.physics_dt_s)
 
     def model(self) -> mujoco.MjModel:
-        """A copy of `robot` for the plant: position servos where the motors have them, else motors that take
-        torques.
-        """
+        """Copy of `robot` for the plant: position servos where the motors have them, else motors that take torques."""
         model = copy.copy(self.robot)
         if self.motors:
             to_motors(model, model.actuator_forcerange[:, 1] / torque_limits() if self.torques else 1.0)
         return model
 
     def servo(self) -> JointServo:
-        """Gains, limits and encoders, in torques as they are commanded, of joints that a servo in the diagram
-        drives.
-        """
+        """Gains, limits and encoders, in torques as commanded, of joints that a servo in the diagram drives."""
         return JointServo.of_g1() if self.config.dynamics.nominal else JointServo.commanding(self.robot)
 
     @property
