@@ -10,7 +10,10 @@ from hotice.model import Scene
 from hotice.systems import StationConfig, make_station
 from hotice.systems.setup.setup import CONTROLLERS, StationSetup
 
-ATTRIBUTES = "config plant_name controller_name motors torques scene world policy task physics_dt_s carry pf pick robot start_qpos"
+ATTRIBUTES = (
+    "config plant_name controller_name motors torques scene world policy task physics_dt_s carry pf pick robot "
+    "start_qpos"
+)
 """Names of the station that are used from outside; `walk_plan` beside."""
 
 

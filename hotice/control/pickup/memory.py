@@ -1,4 +1,4 @@
-"""What a pick-up remembers from step to step, and what it hands on within one."""
+"""Memory of a pick-up from step to step, and what it hands on within one."""
 
 from __future__ import annotations
 

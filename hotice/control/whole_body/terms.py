@@ -30,8 +30,9 @@ _SOURCE = ("pelvis_site", "left_ankle_roll_link", "right_ankle_roll_link", "left
 
 
 def robot_model(wrist_pos: ArrayLike | None = None) -> pinocchio.Model:
-    """The robot with free base and 20 joints, waist locked at zero and wrists at `wrist_pos` (6,) [rad], default
-    zero. Raises `MissingExtra` without Pinocchio.
+    """Robot with free base and 20 joints; waist locked at zero, wrists at `wrist_pos` (6,) [rad], default zero.
+
+    Raises `MissingExtra` without Pinocchio.
     """
     pin = _pinocchio()
     wrist = np.zeros(6) if wrist_pos is None else np.asarray(wrist_pos, dtype=float)

@@ -1,4 +1,4 @@
-"""What a controller sees of a robot (`Link`), and what a simulated robot sees of its controller (`RobotEnd`)."""
+"""Protocol of what a controller sees of a robot (`Link`), and a simulated robot of its controller (`RobotEnd`)."""
 
 from __future__ import annotations
 
