@@ -104,6 +104,8 @@ class WholeBodyQp:
         self.config = config or QpConfig()
         self.terms = Terms(wrist_pos)
         self.problem = p = Problem(n=N, equalities=9, inequalities=ROWS)
+        # Rows: 6 of the base and 3 of the load are equalities; 20 torques, 20 joint limits and 5 for each cone follow.
+        # A sparse solver is set up for these entries only, once.
         p.may_be_nonzero[:] = False
         p.may_be_nonzero[:9, :NV] = p.may_be_nonzero[:6, NV:] = p.may_be_nonzero[6:9, HANDS] = True
         p.may_be_nonzero[9:, :][TORQUE_ROWS] = True
@@ -143,6 +145,8 @@ class WholeBodyQp:
         if solved:
             if not updated:
                 self.terms.update(measurement)
+            # The state is finite here, but absurd speeds overflow in the bias forces: g shows it before the solver is
+            # asked.
             self.assemble(targets, contacts)
             solved = bool(np.isfinite(self.problem.g).all()) and self._solver.solve(memory.guess)
         late = self.config.deadline_s is not None and time.perf_counter() - begin > self.config.deadline_s
@@ -152,6 +156,7 @@ class WholeBodyQp:
             memory.late += late
             return self._fallback(measurement, memory)
         p, x = self.problem, memory.guess.x
+        # τ = M q̈ − Σ Jᵀ f + h; the torque rows of C hold the first two terms.
         np.dot(p.C[TORQUE_ROWS], x, out=memory.torque)
         memory.torque += self._h[NV - NUM_JOINTS :]
         np.clip(memory.torque, -self._full_limit, self._full_limit, out=memory.torque)
@@ -204,9 +209,11 @@ class WholeBodyQp:
         )
         reference = self._force_ref
         reference[:3], reference[3:] = k.hand_force_ref_W[0], k.hand_force_ref_W[1]
+        # Each hand bears half of the object's weight.
         reference[2] -= 0.5 * k.load_kg * touch.GRAVITY
         reference[5] -= 0.5 * k.load_kg * touch.GRAVITY
         _objective(A, b, w, self._weighted, c.acceleration_weight, c.force_weight, c.hand_weight, reference, p.H, p.g)
+        # Before the dynamics, which read the bias forces with these moments in them.
         touch.add_moments(t.J_WF, k.hand_moment_W, t.h, self._h)
         _dynamics(t.M, self._h, self._limit, p.A, p.b, p.C, p.lower, p.upper)
         _limits(t.q, t.v, t.lower, t.upper, c.limit_horizon_s, p.lower, p.upper)
@@ -231,6 +238,7 @@ class WholeBodyQp:
         )
 
     def _fallback(self, measurement: Measurement, memory: QpMemory) -> Array:
+        # For a few steps the last torque is nearest to right; alone for longer it would let the robot drift.
         if memory.in_a_row <= self.config.hold_faults:
             return memory.torque
         error = memory.joint_pos - measurement.joint_pos
@@ -244,6 +252,7 @@ def _objective(A, b, w, weighted, acceleration_weight, force_weight, hand_weight
     for r in range(len(b)):
         for k in range(26):
             weighted[r, k] = w[r] * A[r, k]
+    # `weighted` is W A, so this is Aᵀ W A.
     H[:26, :26] = np.dot(weighted.T, A)
     for k in range(26):
         H[k, k] += acceleration_weight
@@ -263,6 +272,7 @@ def _dynamics(M, h, limit, A, b, C, lower, upper):
     """Acceleration columns and right-hand sides of the base rows and the torque rows."""
     for r in range(26):
         for k in range(26):
+            # Pinocchio fills the upper triangle only.
             m = M[r, k] if k >= r else M[k, r]
             if r < 6:
                 A[r, k] = m
@@ -278,6 +288,7 @@ def _dynamics(M, h, limit, A, b, C, lower, upper):
 def _limits(q, v, q_lower, q_upper, horizon, lower, upper):
     """Bounds of joint accelerations: where q + q̇ T + ½ q̈ T² stays within the joint's range."""
     for j in range(20):
+        # Clipped to ± 500 rad/s²: a joint far beyond its range does not ask for the impossible.
         ahead = q[7 + j] + v[6 + j] * horizon
         lower[20 + j] = min(2.0 * (q_lower[j] - ahead) / horizon**2, 500.0)
         upper[20 + j] = max(2.0 * (q_upper[j] - ahead) / horizon**2, -500.0)

@@ -40,6 +40,7 @@ def see_goal(space, margin, goal):
                 for b in range(j, min(j + width, ny)):
                     seen[(a * ny + b) * nz + k : (a * ny + b) * nz + min(k + width, nz)] = True
         elif verdict == 0:
+            # Along shadow lines blocks are halved, down to single nodes.
             half = width // 2
             for part in range(8):
                 stack.append((i + half * (part >> 2), j + half * (part >> 1 & 1), k + half * (part & 1), half))
@@ -62,9 +63,12 @@ def _beam(space, margin, goal, i, j, k, width):
         if not passes_box(solid, space.nodes, n, goal, centre, margin + reach + touch):
             continue
         if solid[n, 0] == MESH:
+            # A mesh may have holes: it is never sure to hide a whole block.
             if verdict > 0 and not stays_off(space, n, goal, centre, margin + reach + touch):
                 verdict = 0
             continue
+        # Ways to the block's nodes differ from the way to its centre by at most `reach`, which no node can make up for
+        # here.
         umbra = -depth_of(solid, n, margin, h) - reach
         s, _ = convex_clearance(solid, n, margin, goal, centre, umbra, reach + touch)
         if s < umbra:
