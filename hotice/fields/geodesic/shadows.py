@@ -67,8 +67,7 @@ def _beam(space, margin, goal, i, j, k, width):
             if verdict > 0 and not stays_off(space, n, goal, centre, margin + reach + touch):
                 verdict = 0
             continue
-        # Ways to the block's nodes differ from the way to its centre by at most `reach`, which no node can make up for
-        # here.
+        # Ways to the nodes stay within `reach` of the way to the centre: cut deeper than this, it tells for all.
         umbra = -depth_of(solid, n, margin, h) - reach
         s, _ = convex_clearance(solid, n, margin, goal, centre, umbra, reach + touch)
         if s < umbra:
