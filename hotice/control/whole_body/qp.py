@@ -145,8 +145,7 @@ class WholeBodyQp:
         if solved:
             if not updated:
                 self.terms.update(measurement)
-            # The state is finite here, but absurd speeds overflow in the bias forces: g shows it before the solver is
-            # asked.
+            # The state is finite here, but absurd speeds overflow: g shows it before the solver is asked.
             self.assemble(targets, contacts)
             solved = bool(np.isfinite(self.problem.g).all()) and self._solver.solve(memory.guess)
         late = self.config.deadline_s is not None and time.perf_counter() - begin > self.config.deadline_s
