@@ -161,6 +161,7 @@ def test_states_come_and_commands_arrive():
         before = link.counts().taken
         until(lambda: link.publish(standing()) or (link.state() and link.counts().taken > before + 50))
         assert robot.stdout.readline().split() == ["command", "6", "0.5"]
+        assert link.counts().foreign_commands == 0  # what we send ourselves is not foreign
         robot.kill()
         robot.wait()
         last = link.state().sequence
