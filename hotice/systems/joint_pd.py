@@ -15,7 +15,8 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexe
 
 from hotice.model import g1
 from hotice.model.dynamics import joint_offset
-from hotice.systems.signals import NUM_JOINTS, torque_limits
+from hotice.model.joint_limits import torque_limits
+from hotice.systems.signals import NUM_JOINTS
 
 Array = NDArray[np.float64]
 
@@ -40,7 +41,7 @@ class JointServo:
     def of_g1(cls) -> JointServo:
         """Servo of `g1.gains` and the robot's description."""
         kp, kd = g1.gains()
-        return cls(kp=kp, kd=kd, limit=torque_limits(), offset=np.zeros(NUM_JOINTS))
+        return cls(kp=kp, kd=kd, limit=torque_limits(g1.ACTION_JOINTS), offset=np.zeros(NUM_JOINTS))
 
     @classmethod
     def of_model(cls, model: mujoco.MjModel) -> JointServo:
@@ -56,7 +57,7 @@ class JointServo:
     def commanding(cls, model: mujoco.MjModel) -> JointServo:
         """The same around motors of the drawn strength (`station_plant.to_motors`), in torques as commanded."""
         servo = cls.of_model(model)
-        strength = servo.limit / torque_limits()
+        strength = servo.limit / torque_limits(g1.ACTION_JOINTS)
         return cls(kp=servo.kp / strength, kd=servo.kd / strength, limit=servo.limit / strength, offset=servo.offset)
 
 

@@ -11,15 +11,26 @@ from hotice.systems import StationConfig, make_station
 from hotice.systems.setup.setup import CONTROLLERS, StationSetup
 
 ATTRIBUTES = (
-    "config plant_name controller_name motors torques scene world policy task physics_dt_s carry pf pick robot "
-    "start_qpos"
+    *(
+        "config",
+        "plant_name",
+        "controller_name",
+        "motors",
+        "torques",
+        "scene",
+        "world",
+        "policy",
+        "task",
+        "physics_dt_s",
+    ),
+    *("carry", "pf", "pick", "robot", "start_qpos"),
 )
 """Names of the station that are used from outside; `walk_plan` beside."""
 
 
 def test_a_station_shows_its_setup(station):
-    assert {field.name for field in fields(StationSetup)} <= set(ATTRIBUTES.split())
-    for name in ATTRIBUTES.split():
+    assert {field.name for field in fields(StationSetup)} <= set(ATTRIBUTES)
+    for name in ATTRIBUTES:
         assert np.all(getattr(station, name) == getattr(station.setup, name)), name
     assert station.robot is station.setup.robot and station.pick is None and station.world is station.scene
     walking = make_station(controller="walk")

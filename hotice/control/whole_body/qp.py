@@ -21,9 +21,10 @@ from hotice.control.whole_body import tasks
 from hotice.control.whole_body.contacts import Contacts
 from hotice.control.whole_body.solvers import UNBOUNDED, Guess, Problem, make_solver
 from hotice.control.whole_body.tasks import Targets
-from hotice.control.whole_body.terms import NV, Terms, torque_limits
+from hotice.control.whole_body.terms import NV, Terms
 from hotice.errors import InvalidConfig
 from hotice.model import g1
+from hotice.model.joint_limits import torque_limits
 
 Array = NDArray[np.float64]
 FEET = slice(NV, NV + 6 * touch.FOOT_POINTS)
@@ -116,8 +117,8 @@ class WholeBodyQp:
         p.may_be_nonzero[9:][LIMIT_ROWS] = p.C[LIMIT_ROWS] != 0
         p.upper[FIRST_CONE:] = 0.0
         self._solver = make_solver(self.config.solver, p, self.config.tolerance)
-        self._limit = self.config.torque_share * torque_limits()
-        self._full_limit = torque_limits()
+        self._full_limit = torque_limits(g1.ACTION_JOINTS)
+        self._limit = self.config.torque_share * self._full_limit
         self._kp, self._kd = g1.gains()
         self._task_A, self._task_b, self._task_w = (
             np.zeros((tasks.ROWS, NV)),

@@ -58,14 +58,6 @@ def _pinocchio() -> Any:
     return pinocchio
 
 
-def torque_limits() -> Array:
-    """Largest torque of each joint of `g1.ACTION_JOINTS`, (20,) [N m], of the description."""
-    import mujoco
-
-    model = mujoco.MjModel.from_xml_path(g1.xml_path())
-    return np.array([model.actuator(j.removesuffix("_joint")).ctrlrange[1] for j in g1.ACTION_JOINTS])
-
-
 class Terms:
     """Dynamics and kinematics of the robot at the state of the last `update`.
 

@@ -71,7 +71,7 @@ class Link(Protocol):
     """The controller's end. Not to be shared by threads."""
 
     def publish(self, command: CheckedCommand) -> None:
-        """Sends it, `mode_machine` echoed from the newest state. Raises `LinkError` before the first state."""
+        """Sends it, `mode_machine` echoed from the newest state read. Raises `LinkError` before `state` gave one."""
         ...
 
     def state(self) -> ReceivedState | None:
