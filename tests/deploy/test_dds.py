@@ -1,4 +1,4 @@
-"""The link over DDS: types and bytes against Cyclone's own, and two processes over loopback, never another interface."""
+"""The link over DDS: types and bytes against Cyclone's own, two processes over loopback, never another interface."""
 
 import contextlib
 import itertools

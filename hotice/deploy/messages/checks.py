@@ -23,7 +23,7 @@ QUATERNION_LENGTH = (0.9, 1.1)
 
 @cache
 def numbers(struct: Struct) -> tuple[Primitive, ...]:
-    """The float numbers of a message that somebody reads: not those of unused slots of a state, which may hold anything."""
+    """The float numbers of a message that somebody reads; unused slots of a state may hold anything."""
     floats = (p for p in struct.primitives if p.kind == "f32")
     return tuple(p for p in floats if not (p.path[0] == "motor_state" and int(p.path[1]) >= JOINTS.stop))
 
