@@ -44,8 +44,8 @@ class Sensors:
         moved: list[list[int]],
     ) -> None:
         self.config, self.guide, self.moved = config, guide, moved
-        self.hold_steps = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
-        self.longest_delay = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
+        self.hold_steps = config.hold_steps(control_dt_s)
+        self.longest_delay = config.longest_delay(control_dt_s, substeps)
         self.root = torch.zeros(num_envs, 5, device=device)
         """Estimate x, y, z [m], sine and cosine of the heading."""
         self.gravity = torch.zeros(num_envs, 3, device=device)
@@ -55,7 +55,7 @@ class Sensors:
         self.dt_s = control_dt_s
         self.object = torch.zeros(num_envs, 3, 3, device=device)
         """Estimate of the object in P: position [m] and first two axes, as rows."""
-        self.gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
+        self.gain = config.object_gain(control_dt_s)
         self.age = torch.zeros(num_envs, dtype=torch.int64, device=device)
         """Measurements of this episode."""
         self.action_delay = torch.zeros(num_envs, dtype=torch.int64, device=device)
