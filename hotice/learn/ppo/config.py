@@ -32,7 +32,7 @@ class PpoConfig:
     max_learning_rate: float = 3e-3
     """Upper limit of the learning rate (ours)."""
     target_kl: float = 0.03
-    """Wished KL divergence of a minibatch from the rollout policy (ours; FALCON 0.01)."""
+    """Target KL divergence of a minibatch from the rollout policy (ours; FALCON 0.01)."""
     entropy: float = 0.0005
     """Weight of the entropy bonus (ours; CAT 0.01)."""
     value_weight: float = 1.0

@@ -71,9 +71,7 @@ class TrainConfig:
     init_std: tuple[float, float] = (0.6, 0.3)
     """First standard deviation of leg and arm actions."""
     average: float = 0.98
-    """What is evaluated and exported is a running average of the weights: share of it that an update keeps, in the end
-    (ours);
-    0: the newest weights."""
+    """Decay of the moving average of the weights, which is evaluated and exported (ours); 0: no averaging."""
     ppo: PpoConfig = field(default_factory=PpoConfig)
     """Optimiser."""
     perturbed: bool = False
@@ -141,8 +139,8 @@ def _check_students(task: TaskConfig) -> None:
     for name in ("sensing", "dynamics", "push_m_s"):
         if getattr(task, name) not in (getattr(exact, name), getattr(student, name)):
             raise InvalidConfig(
-                f"{name} is given by hand, and perturbed takes the students' numbers in its place: give --no-perturbed, and "
-                "every source of perturbation by hand"
+                f"{name} is set explicitly, but --perturbed replaces it by the students' values: use --no-perturbed "
+                "and set every source of perturbation yourself"
             )
 
 

@@ -22,7 +22,7 @@ from hotice.version import source_version
 
 
 def save_run(run: Run) -> None:
-    """Writes a checkpoint: what all ranks share, and what each has of its own (rank 1 and up: `rankN.` before names).
+    """Writes a checkpoint: what all ranks share, and each rank's own (`rankN.` before the names from rank 1 on).
 
     All ranks call it together. Raises `OutputError`.
     """
@@ -55,7 +55,7 @@ def save_run(run: Run) -> None:
 def load_run(run: Run, path: Path) -> None:
     """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one.
 
-    With other ranks, environments, scenes, task or perturbations episodes start anew; `run.notice` then says so.
+    With other ranks, environments, scenes, task or perturbations episodes begin again; `run.notice` holds the message.
     """
     tensors, meta = load_checkpoint(path, run.env.device)
     with same_version(path):
@@ -65,7 +65,8 @@ def load_run(run: Run, path: Path) -> None:
 def _restore(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
     if kind_of(meta) != run.algo.kind:
         raise CheckpointError(
-            f"{path}: was trained by {kind_of(meta)!r}, not {run.algo.kind!r}: give another folder as out, or it as init"
+            f"{path}: was trained by {kind_of(meta)!r}, not {run.algo.kind!r}: give another folder as out, or it "
+            "as init"
         )
     load_networks(run, path, tensors, meta)
     run.average.restart(run.net)
@@ -94,8 +95,8 @@ def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[st
     if others := [name for name, (theirs, ours) in pairs.items() if theirs != ours]:
         kept = sum(name in meta["scenes"] for name in run.env.bank.names)
         run.notice = (
-            f"{path}: was saved with other {', '.join(others)}: episodes start anew, {kept} of {run.env.bank.num_scenes} "
-            "scenes keep their success rates"
+            f"{path}: was saved with other {', '.join(others)}: episodes start anew, {kept} of "
+            f"{run.env.bank.num_scenes} scenes keep their success rates"
         )
     if ranks != distributed.size():
         return

@@ -78,7 +78,8 @@ class Run:
         self.steps = 0
         self.notice = ""
         self.obs, self.critic_obs = env.reset()
-        env.memory.step.copy_(  # the first episodes end at different times, so that a rollout holds all phases of an episode
+        # The first episodes end at different times, so that a rollout holds all phases of an episode.
+        env.memory.step.copy_(
             torch.randint(0, env.config.max_steps, (env.num_envs,), generator=env.generator, device=env.device)
         )
 

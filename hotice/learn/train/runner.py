@@ -22,9 +22,7 @@ from hotice.sim.env import Step, TransportEnv
 
 
 class Runner(Run):
-    """Trains one run. Everything that a later update depends on is in its checkpoints: a resumed run goes on bit for
-    bit.
-    """
+    """Runner of one training; checkpoints hold all that later updates depend on, so resuming is exact to the bit."""
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
         super().__init__(config, env)
@@ -42,7 +40,8 @@ class Runner(Run):
         cfg = self.config
         if not (cfg.resume or self.update) and (there := list_checkpoints(cfg.out)):
             raise OutputError(
-                f"{cfg.out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another folder as --out"
+                f"{cfg.out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another "
+                "folder as --out"
             )
         begin, minutes_before = time.monotonic(), self.minutes
         leads = distributed.rank() == 0
