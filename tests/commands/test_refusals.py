@@ -22,7 +22,7 @@ from hotice.learn.train import runner
 from hotice.learn.train.config import TrainConfig
 from hotice.model.dynamics import DynamicsConfig
 from hotice.model.object_range import ObjectRange
-from hotice.model.scene import load_scenes
+from hotice.model.shipped import load_scenes
 from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
 from hotice.task.sensing import SensingConfig

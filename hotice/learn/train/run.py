@@ -14,7 +14,7 @@ from hotice.learn.ppo.storage import Rollout
 from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.curriculum import SceneCurriculum, Stages
 from hotice.learn.train.statistics import EpisodeStatistics
-from hotice.model.scene_sets import resolve_item
+from hotice.model.shipped import resolve_item
 from hotice.sim.env import TransportEnv
 from hotice.sim.observations import mirror_action
 from hotice.sim.physics.threads import use_threads

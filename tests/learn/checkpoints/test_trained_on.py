@@ -21,8 +21,8 @@ from hotice.learn.policy import load_policy, torch_policy
 from hotice.learn.train.runner import Runner
 from hotice.model.generate.families import family_scenes
 from hotice.model.generate.family_names import family_of
-from hotice.model.scene import load_scene, load_scenes
 from hotice.model.scene_digest import scene_digest
+from hotice.model.shipped import load_scene, load_scenes
 
 CHECKPOINTS = Path(__file__).parents[3] / "checkpoints"
 
