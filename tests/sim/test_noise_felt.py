@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from hotice.task.protocols import get_protocol
 
 from hotice.model.dynamics import LEAST_PUSH, ROBOT_DYNAMICS
 from hotice.model.object_range import ObjectRange
@@ -15,6 +14,7 @@ from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.events import push
 from hotice.sim.sensing import STUDENT_SENSING
+from hotice.task.protocols import get_protocol
 
 CPU = torch.device("cpu")
 AT_ONCE = replace(

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from hotice.systems.station.plants import carry_servo, station_model
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
@@ -12,6 +11,7 @@ from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig, joint_offset
 from hotice.systems import StationConfig, make_station
 from hotice.systems.joint_pd import JointPd, JointServo
 from hotice.systems.pushes import Pushes, draw_push
+from hotice.systems.station.plants import carry_servo, station_model
 
 YAML = {"sensing": "student", "dynamics": "student", "push_m_s": 1.0, "push_interval_s": 0.2}
 
@@ -96,9 +96,8 @@ def test_the_robot_is_drawn(perturbed):
 
 def test_encoders_that_err_are_read_so(carry, robot_state, run):
     from hotice.policy.percept import Percept, PerceptModel
-    from hotice.task.sensing import SensingConfig
-
     from hotice.systems.sensor_model import SensorModel
+    from hotice.task.sensing import SensingConfig
 
     offset = np.linspace(-0.01, 0.01, 20)
     true = Percept(run(SensorModel(carry.carried, SensingConfig(), 0.02), "percept", robot_state=robot_state))
