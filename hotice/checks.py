@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import reprlib
-import sys
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -51,9 +50,13 @@ class Range:
     note: str = ""
 
     def holds(self, value: Any) -> bool:
-        """Whether a number is finite and within; no integer is too large to be asked about."""
+        """Whether a number is finite and within; an integer beyond all floats is not."""
+        try:
+            finite = math.isfinite(value)
+        except OverflowError:
+            return False
         return (
-            abs(value) <= sys.float_info.max
+            finite
             and (self.least is None or value >= self.least)
             and (self.above is None or value > self.above)
             and (self.most is None or value <= self.most)
@@ -66,8 +69,9 @@ class Range:
         elif self.least is not None and self.most is not None:
             ends = f"from {_limit(self.least)} to {_limit(self.most)}"
         else:
-            words = {"of at least": self.least, "above": self.above, "of at most": self.most, "below": self.below}
+            words = {"at least": self.least, "above": self.above, "at most": self.most, "below": self.below}
             ends = " and ".join(f"{word} {_limit(end)}" for word, end in words.items() if end is not None)
+            ends = ends.replace("at", "of at", 1) if ends.startswith("at") else ends
         return f"{ends} {self.unit}" if self.unit else ends
 
 

@@ -32,15 +32,17 @@ class Config:
         (checks.SHARE, (0, 1, 0.5), (1.0000001, -1), "from 0 to 1"),
         (checks.COUNT, (1, 10**18), (0, -5), "of at least 1"),
         (checks.INT64, (0, 2**63 - 1), (2**63, -1, HUGE), "from 0 to 2^63 - 1"),
-        (Range(above=0, most=1_000_000), (1e6, 1), (0, 1_000_001), "above 0 and of at most 1,000,000"),
+        (Range(above=0, most=1_000_000), (1e6, 1), (0, 1_000_001), "above 0 and at most 1,000,000"),
         (Range(least=0, below=1), (0, 0.999), (1,), "of at least 0 and below 1"),
+        (Range(most=5), (5, -1e9), (6,), "of at most 5"),
         (Range(least=-1e4, most=1e4), (-1e4, 1e4), (10001,), "within ±10000"),
         (Range(least=0.01, most=0.2, unit="m"), (0.01, 0.2), (0.0,), "from 0.01 to 0.2 m"),
     ],
+    ids=range(11),
 )
 def test_ranges(allowed, inside, outside, text):
     assert str(allowed) == text
-    assert all(checks.number("x", value, allowed) == value for value in inside)
+    assert all(checks.number("x", value, allowed) == float(value) for value in inside)
     for value in outside:
         with pytest.raises(InvalidConfig, match="^x is .*: " + re.escape(f"a finite number {text}".rstrip())) as caught:
             checks.number("x", value, allowed)
@@ -135,7 +137,11 @@ def test_mappings():
             checks.mapping("m", value, ("a",), ("b",), InvalidScene)
 
 
-@pytest.mark.parametrize("value", [HUGE, "x" * 10**6, [[[[[1]]]]] * 1000, {i: i for i in range(1000)}, object()])
+@pytest.mark.parametrize(
+    "value",
+    [HUGE, "x" * 10**6, [[[[[1]]]]] * 1000, {i: i for i in range(1000)}, object()],
+    ids=["huge", "text", "deep", "wide", "object"],
+)
 def test_messages_stay_short(value):
     with pytest.raises(InvalidConfig) as caught:
         checks.number("x", value)

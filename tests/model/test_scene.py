@@ -318,7 +318,7 @@ def test_bad_meshes(tmp_path):
         (("",), {}, "a path relative"),
         (("a\0.obj",), {}, "a path relative"),
         (("open.obj",), {"scale": -1}, "mesh scale is -1"),
-        (("open.obj",), {"units": "mm"}, "unknown 'units'"),
+        (("open.obj",), {"units": "mm"}, "unknown key 'units'"),
     ]
     for args, more, message in cases:
         with pytest.raises(InvalidScene, match=message) as caught:
