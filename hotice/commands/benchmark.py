@@ -12,6 +12,8 @@ from typing import Any
 
 import torch
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.commands.stopwatch import Stopwatch
 from hotice.errors import InvalidConfig
 from hotice.files import check_writable, write_text
@@ -58,9 +60,8 @@ class BenchmarkConfig:
     """Report file (JSON)."""
 
     def __post_init__(self) -> None:
-        for name, least in (("steps", BLOCK), ("updates", 1), ("threads", 1)):
-            if getattr(self, name) < least:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least {least} is needed")
+        checks.whole("steps", self.steps, Range(least=BLOCK))
+        checks.wholes(self, checks.COUNT, "updates", "threads")
         if not self.num_envs:
             raise InvalidConfig("num_envs is empty: at least one number of environments is needed")
         for num_envs in self.num_envs:

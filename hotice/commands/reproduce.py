@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from hotice import checks
 from hotice.commands.paper_tables import TABLES, Made, origins_markdown, table_markdown, tables_json
 from hotice.errors import InvalidConfig, SimulationError, UnknownName
 from hotice.evaluate.run import EvaluateConfig, evaluate
@@ -102,9 +103,7 @@ class ReproduceConfig:
     """Unseen scenes."""
 
     def __post_init__(self) -> None:
-        for name in ("rollouts", "updates", "num_envs", "seed", "threads"):
-            if not 0 <= getattr(self, name) < 2**63:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
+        checks.wholes(self, checks.INT64, "rollouts", "updates", "num_envs", "seed", "threads")
         self.given()
 
     def given(self) -> dict[str, str]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.commands.benchmark import BenchmarkConfig
 from hotice.commands.pipeline.run import PipelineConfig
 from hotice.commands.reproduce import ReproduceConfig
@@ -78,16 +79,14 @@ class PlayConfig:
     """Lists failures before successes, by cause; otherwise scene by scene."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.seconds) and 0.0 < self.seconds <= 120.0):
-            raise InvalidConfig(f"seconds is {self.seconds!r}: above 0 and at most 120 are allowed")
+        checks.number("seconds", self.seconds, Range(above=0, most=120))
         if self.out.suffix == ".png":
             raise InvalidConfig(
                 f"out is {str(self.out)!r}: the picture goes there, give the page another ending (.html)"
             )
         if self.video is not None and self.video.suffix != ".mp4":
             raise InvalidConfig(f"video is {str(self.video)!r}: a film is an .mp4 file")
-        if self.video_of < 1:
-            raise InvalidConfig(f"video_of is {self.video_of!r}: the list begins with 1")
+        checks.whole("video_of", self.video_of, Range(least=1, note="a place in the list"))
         if self.video is None and self.video_of != 1:
             raise InvalidConfig(f"video_of is {self.video_of!r}: nothing is filmed, give the film's file as video")
         if self.protocol is not None and self.controller != "policy":
@@ -96,10 +95,8 @@ class PlayConfig:
             )
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
-        if not 1 <= self.rollouts <= 100:
-            raise InvalidConfig(f"rollouts is {self.rollouts!r}: 1 to 100 are allowed")
-        if not 0 <= self.seed < 2**63:
-            raise InvalidConfig(f"seed is {self.seed!r}: 0 to 2^63 - 1 is needed")
+        checks.whole("rollouts", self.rollouts, Range(least=1, most=100))
+        checks.whole("seed", self.seed, checks.INT64)
 
 
 def train(config: Flat[TrainConfig]) -> int:

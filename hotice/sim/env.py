@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from hotice.errors import InvalidConfig
+from hotice import checks
 from hotice.fields.bank import FieldBank
 from hotice.fields.clearance import Spheres
 from hotice.model.objects import CarriedObject
@@ -102,8 +102,7 @@ class TransportEnv:
         config: TaskConfig | None = None,
         threads: int = 0,
     ) -> None:
-        if num_envs < 1:
-            raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
+        checks.whole("num_envs", num_envs, checks.COUNT)
         if physics == "mujoco":
             check_memory(num_envs)
         self.config = config or TaskConfig()

@@ -21,9 +21,11 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.commands.pipeline.file import Pipeline, load_pipeline
 from hotice.commands.pipeline.jobs import USER_ERROR, Job, JobProcess
-from hotice.errors import HoticeError, InvalidConfig
+from hotice.errors import HoticeError
 from hotice.files import make_folder, write_text
 from hotice.learn.train.runner import stop_on_signals
 
@@ -54,10 +56,8 @@ class PipelineConfig:
     """Ray cluster: its address, or "auto" for the one that this machine belongs to; none: processes of this machine."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.workers <= 1024:
-            raise InvalidConfig(f"workers is {self.workers!r}: 1 to 1024 are allowed")
-        if not 0 <= self.retries <= 1000:
-            raise InvalidConfig(f"retries is {self.retries!r}: 0 to 1000 are allowed")
+        checks.whole("workers", self.workers, Range(least=1, most=1024))
+        checks.whole("retries", self.retries, Range(least=0, most=1000))
 
 
 class Workers(Protocol):

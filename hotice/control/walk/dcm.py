@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice import checks
 from hotice.errors import InvalidConfig
 
 GRAVITY = 9.81
@@ -22,8 +23,7 @@ Array = NDArray[np.float64]
 
 def natural_frequency(com_height_m: float) -> float:
     """Omega = sqrt(g / height of the centre of mass over the soles) [1/s]."""
-    if not com_height_m > 0.0:
-        raise InvalidConfig(f"com_height_m is {com_height_m!r}: a height above 0 is needed")
+    checks.number("com_height_m", com_height_m, checks.POSITIVE)
     return float(np.sqrt(GRAVITY / com_height_m))
 
 
