@@ -68,6 +68,8 @@ class Range:
             ends = f"within ±{_limit(-self.least)}"
         elif self.least is not None and self.most is not None:
             ends = f"from {_limit(self.least)} to {_limit(self.most)}"
+        elif self.least is not None and self.below is not None:
+            ends = f"from {_limit(self.least)} to below {_limit(self.below)}"
         else:
             words = {"at least": self.least, "above": self.above, "at most": self.most, "below": self.below}
             ends = " and ".join(f"{word} {_limit(end)}" for word, end in words.items() if end is not None)

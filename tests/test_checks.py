@@ -33,7 +33,7 @@ class Config:
         (checks.COUNT, (1, 10**18), (0, -5), "of at least 1"),
         (checks.INT64, (0, 2**63 - 1), (2**63, -1, HUGE), "from 0 to 2^63 - 1"),
         (Range(above=0, most=1_000_000), (1e6, 1), (0, 1_000_001), "above 0 and at most 1,000,000"),
-        (Range(least=0, below=1), (0, 0.999), (1,), "of at least 0 and below 1"),
+        (Range(least=0, below=1), (0, 0.999), (1,), "from 0 to below 1"),
         (Range(most=5), (5, -1e9), (6,), "of at most 5"),
         (Range(least=-1e4, most=1e4), (-1e4, 1e4), (10001,), "within ±10000"),
         (Range(least=0.01, most=0.2, unit="m"), (0.01, 0.2), (0.0,), "from 0.01 to 0.2 m"),
