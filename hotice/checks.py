@@ -88,7 +88,7 @@ INT64 = Range(least=0, most=2**63 - 1)
 
 
 def number(where: str, value: object, allowed: Range = ANY, error: Error = InvalidConfig) -> float:
-    """`value` as a float. Raises `error`, whose message starts with `where`, unless it is a number that is `allowed`."""
+    """`value` as a float. Raises `error`, whose message starts with `where`, unless it is an `allowed` number."""
     if isinstance(value, bool) or not isinstance(value, Real) or not allowed.holds(value):
         raise error(_refusal(where, value, "a finite number", allowed))
     return float(value)

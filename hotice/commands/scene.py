@@ -13,6 +13,7 @@ import tyro
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.commands.help_text import unbroken_help
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable
 from hotice.model.importers.front3d_scenes import Front3dConfig
@@ -198,7 +199,8 @@ COMMANDS = {
 
 def main(argv: Sequence[str]) -> int:
     """Runs `hotice scene`; the caller reports a `HoticeError`."""
-    return tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="hotice scene", description=__doc__) or 0
+    with unbroken_help():
+        return tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="hotice scene", description=__doc__) or 0
 
 
 def _resolve(items: Sequence[str]) -> list[Scene]:

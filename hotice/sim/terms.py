@@ -6,13 +6,13 @@ import torch
 from torch import Tensor
 
 from hotice.fields.alignment import cosine, residual_cosine
-from hotice.fields.potential import FieldParams
 from hotice.model import g1
 from hotice.sim.snapshot import FEET, HANDS, HEAD, HEELS, PELVIS, TOES, Snapshot
 
 SPEED_EPS = 0.1
-"""[m/s] softens the cosines: the direction of a body at rest scores nothing."""
-ETA = FieldParams().attraction
+"""Softening of the cosines: the direction of a body at rest, or of a residual that is noise, scores nothing [m/s]."""
+FADE_M = 0.5
+"""Closer to the goal than this the cosines fade out: there head and feet are drawn to a point at pelvis height [m]."""
 _STEM = [g1.stem(j) for j in g1.ACTION_JOINTS]
 _STANCE_JOINTS = [i for i, s in enumerate(_STEM) if s in ("hip_roll", "hip_yaw")]
 
@@ -23,15 +23,19 @@ def _moving(s: Snapshot) -> Tensor:
 
 
 def _travelling(s: Snapshot) -> Tensor:
-    """1 far from the goal, fading to 0 on it: there head and feet are drawn to a point at pelvis height."""
-    return torch.clamp(s.goal_distance / 0.5, 0.0, 1.0)
+    """1 farther than `FADE_M` from the goal, fading to 0 on it."""
+    return torch.clamp(s.goal_distance / FADE_M, 0.0, 1.0)
 
 
 def _at_command(s: Snapshot) -> Tensor:
-    """The object-centric field at the commanded speed, so that F − c vanishes where no obstacle bends it, (N, 10,
-    3).
+    """F_object·speed/η, the object-centric field at the commanded speed, (N, 10, 3) [m/s].
+
+    The paper takes c from F itself, whose size in free space is η. Our c has the walking speed, which is another one
+    and falls near the goal: F − c would ask hands and object to lag behind the body, or to run ahead of it, where no
+    obstacle is. At the commanded speed what remains is what obstacles ask for, and that the field draws every point to
+    the goal at pelvis height while c is one vector: 0.13 m/s two metres before the goal, vanishing farther away.
     """
-    return s.ogf.force_W * (s.speed / ETA)[:, None, None]
+    return s.ogf.force_W * (s.speed / s.eta)[:, None, None]
 
 
 # shared: potential fields and lifting
@@ -39,27 +43,27 @@ def _at_command(s: Snapshot) -> Tensor:
 
 
 def sgf_head(s: Snapshot) -> Tensor:
-    """Cosine between SGF and velocity of the head."""
+    """Cosine between F of the SGF and v of the head; softened, fading at the goal."""
     return cosine(s.sgf.force_W[:, HEAD], s.v_WK[:, HEAD], SPEED_EPS) * _travelling(s)
 
 
 def sgf_pelvis(s: Snapshot) -> Tensor:
-    """Cosine between SGF and velocity of the pelvis."""
+    """Cosine between F of the SGF and v of the pelvis; softened, fading at the goal."""
     return cosine(s.sgf.force_W[:, PELVIS], s.v_WK[:, PELVIS], SPEED_EPS) * _travelling(s)
 
 
 def sgf_feet(s: Snapshot) -> Tensor:
-    """Cosine between SGF and velocity of the feet, mean of both."""
+    """Cosine between F of the SGF and v of the feet, mean of both; softened, fading at the goal."""
     return cosine(s.sgf.force_W[:, FEET], s.v_WK[:, FEET], SPEED_EPS).mean(dim=1) * _travelling(s)
 
 
 def ogf_hands(s: Snapshot) -> Tensor:
-    """Cosine between [F_object − c] and [v − c] at the hands, mean of both."""
+    """Cosine between [F_object·speed/η − c] and [v − c] at the hands, mean of both; softened, fading at the goal."""
     return residual_cosine(_at_command(s)[:, :2], s.v_WK[:, HANDS], s.c_W, SPEED_EPS).mean(dim=1) * _travelling(s)
 
 
 def ogf_object(s: Snapshot) -> Tensor:
-    """Cosine between [F_object − c] and [v − c] at the eight object keypoints, mean."""
+    """Cosine between [F_object·speed/η − c] and [v − c] at the object's eight, mean; softened, fading at the goal."""
     return residual_cosine(_at_command(s)[:, 2:], s.v_WOK, s.c_W, SPEED_EPS).mean(dim=1) * _travelling(s)
 
 
@@ -74,8 +78,7 @@ def clearance(s: Snapshot) -> Tensor:
 
 
 def clearance_ahead(s: Snapshot) -> Tensor:
-    """How far upper body and object, moved on as commanded, would intrude into the last 5 cm before an obstacle, and
-    into it.
+    """Intrusion into the last 5 cm before an obstacle, and into it, of upper body and object moved on as commanded.
 
     0 to 4, 20 cm deep. Whether a body passes a beam or a table edge shows only when it is there: this tells on the way
     how much lower or farther aside it has to be.
@@ -94,7 +97,7 @@ def _intrusion(distance: Tensor) -> Tensor:
 def progress(s: Snapshot) -> Tensor:
     """Root velocity along the command, at most the commanded speed, over eta: linear, so that slow never beats fast."""
     along = (s.v_WP[:, :2] * torch.nn.functional.normalize(s.c_W[:, :2], dim=-1)).sum(dim=-1)
-    return torch.minimum(along, s.speed) / ETA
+    return torch.minimum(along, s.speed) / s.eta
 
 
 def arrival(s: Snapshot) -> Tensor:
@@ -158,9 +161,7 @@ def flight(s: Snapshot) -> Tensor:
 
 
 def swing_height(s: Snapshot) -> Tensor:
-    """Squared lack of height of the lower of toe and heel against the clock's, of the swinging foot; more by
-    obstacles.
-    """
+    """Squared lack of height of the swinging foot (lower of toe and heel) against the clock's; more by obstacles."""
     lowest = torch.minimum(s.p_WK[:, TOES, 2], s.p_WK[:, HEELS, 2])
     near = torch.clamp((0.25 - s.sgf.signed_distance[:, FEET]) / 0.15, 0.0, 1.0)
     error = (torch.clamp(s.swing * (1.0 + 0.6 * near) - lowest, min=0.0) / 0.10).square()

@@ -10,7 +10,7 @@ from gymnasium.wrappers.vector import ClipReward, RecordEpisodeStatistics
 
 from hotice.errors import InvalidConfig
 from hotice.sim import HoticeVectorEnv
-from hotice.sim.sensing import STUDENT_SENSING
+from hotice.task.sensing import STUDENT_SENSING
 
 
 @pytest.fixture
@@ -128,6 +128,9 @@ def test_made_from_keyword_arguments(bank, carry):
 
 
 def test_importing_the_simulation_does_not_import_gymnasium():
-    code = "import sys, hotice.sim as s; a = 'gymnasium' in sys.modules; s.HoticeVectorEnv; print(a, 'gymnasium' in sys.modules)"
+    code = (
+        "import sys, hotice.sim as s; a = 'gymnasium' in sys.modules; s.HoticeVectorEnv; "
+        "print(a, 'gymnasium' in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.split() == ["False", "True"]

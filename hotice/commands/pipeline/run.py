@@ -12,17 +12,14 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
-import tyro
 from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from hotice import checks
-from hotice.checks import Range
+from hotice.commands.configs import PipelineConfig
 from hotice.commands.pipeline.file import Pipeline, load_pipeline
 from hotice.commands.pipeline.jobs import USER_ERROR, Job, JobProcess
 from hotice.errors import HoticeError
@@ -40,24 +37,6 @@ COLOURS = {
     "waiting": "dim",
     "stopped": "yellow",
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class PipelineConfig:
-    """One pipeline."""
-
-    config: tyro.conf.Positional[Path]
-    """Pipeline file (YAML)."""
-    workers: int = 1
-    """Jobs at a time on this machine; a cluster runs as many as it has room for."""
-    retries: int = 2
-    """How often a job is tried again when its process dies."""
-    cluster: str | None = None
-    """Ray cluster: its address, or "auto" for the one that this machine belongs to; none: processes of this machine."""
-
-    def __post_init__(self) -> None:
-        checks.whole("workers", self.workers, Range(least=1, most=1024))
-        checks.whole("retries", self.retries, Range(least=0, most=1000))
 
 
 class Workers(Protocol):

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from hotice import checks
 from hotice.checks import Range
-from hotice.control.pickup.path import ease
 
 Array = NDArray[np.float64]
 GRAVITY = 9.81
@@ -70,9 +69,7 @@ class Swing:
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """Where the body is: shift (2,) of its centre of mass since the start [m], acceleration (2,), turn [rad] since
-    then.
-    """
+    """Motion of the body since the start: shift (2,) of its centre of mass [m], acceleration (2,), turn [rad]."""
 
     shift: Array
     acceleration: Array
@@ -138,6 +135,12 @@ class Course:
             elif time_s < swing.begin_s + SWING_S + LANDING_S:
                 landed = swing.foot
         return Feet(pose=pose, velocity=velocity, air=air, landed=landed)
+
+
+def ease(share: float) -> float:
+    """Minimum-jerk course from 0 to 1 while `share` goes from 0 to 1, held outside."""
+    s = min(max(share, 0.0), 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
 def plan_steps(feet: Array, com: Array, height_m: float, departure: Departure) -> Course:

@@ -14,17 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice import checks
 from hotice.errors import InvalidConfig
 
 GRAVITY = 9.81
+LEAST_M = 0.3
+"""A lower centre of mass is not believed: omega must stay finite."""
 Array = NDArray[np.float64]
 
 
 def natural_frequency(com_height_m: float) -> float:
-    """Omega = sqrt(g / height of the centre of mass over the soles) [1/s]."""
-    checks.number("com_height_m", com_height_m, checks.POSITIVE)
-    return float(np.sqrt(GRAVITY / com_height_m))
+    """Omega = sqrt(g / height of the centre of mass over the soles) [1/s]; of a robot that falls, as `LEAST_M` high."""
+    return float(np.sqrt(GRAVITY / max(com_height_m, LEAST_M)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,9 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from hotice.replay import RolloutRecord
+from hotice.systems.logs import read_logs
 from hotice.systems.record.hand_over import HandOverReport, report_hand_over
-from hotice.systems.record.rollout import read_logs, to_record
+from hotice.systems.record.rollout import to_record
 from hotice.systems.signals import OBJECT_POS
 from hotice.systems.station.make import Station
 
@@ -31,9 +32,7 @@ class Run:
 
 
 def play_station(station: Station, seconds: float) -> Run:
-    """Runs a station that logs, after its pick-up for at most `seconds`; a run ends a moment after success, fall or
-    drop.
-    """
+    """Run of a logging station: `seconds` at most after its pick-up, ends shortly after success, fall or drop."""
     simulator = Simulator(station)
     context = simulator.get_context()
     adaptor = station.GetSubsystemByName("state_adaptor")
