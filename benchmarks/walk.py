@@ -20,8 +20,8 @@ from rich.table import Table
 from hotice.control.plant import TorquePlant
 from hotice.control.walk import WalkConfig
 from hotice.errors import HoticeError
+from hotice.evaluate.config import PAPER_S
 from hotice.evaluate.referees import GOAL_M
-from hotice.evaluate.report import PAPER_S
 from hotice.evaluate.trials import Trials, success_interval
 from hotice.evaluate.walk_trials import Trial, run_trial
 from hotice.fields import build_hod_pf
@@ -110,7 +110,8 @@ def report(console: Console, results: dict[str, list[Trial]], horizon_s: float) 
         groups.setdefault(category(name), []).extend(trials)
     for title, rows in (("by scene", results), ("by category", groups)):
         table = Table(
-            title=f"walking baseline, {title}: success and mean distance when scored at {PAPER_S:g} s and at {horizon_s:g} s"
+            title=f"walking baseline, {title}: success and mean distance when scored "
+            f"at {PAPER_S:g} s and at {horizon_s:g} s"
         )
         for column in (
             "scene",

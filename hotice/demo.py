@@ -40,8 +40,9 @@ def run(config: DemoConfig) -> None:
     import numpy as np
     from rich.console import Console
 
+    from hotice.evaluate.config import EvaluateConfig
     from hotice.evaluate.record import record_rollouts
-    from hotice.evaluate.run import EvaluateConfig, evaluate
+    from hotice.evaluate.run import evaluate
     from hotice.fields import build_hod_pf
     from hotice.files import make_folder
     from hotice.learn.policy import load_policy
@@ -89,10 +90,13 @@ def main(argv: list[str] | None = None) -> int:
     """Command line; a `HoticeError` is printed on one line and gives status 2."""
     import tyro
 
+    from hotice.commands.help_text import unbroken_help
     from hotice.errors import HoticeError
 
     try:
-        run(tyro.cli(DemoConfig, args=argv, prog="python -m hotice.demo", description=__doc__))
+        with unbroken_help():
+            config = tyro.cli(DemoConfig, args=argv, prog="python -m hotice.demo", description=__doc__)
+        run(config)
     except HoticeError as error:
         print(f"hotice: {error}".replace("\n", " "), file=sys.stderr)
         return 2

@@ -1,4 +1,4 @@
-"""How well motion follows a field, and how the field enters the observation (IV-A): NumPy or torch, any leading axes."""
+"""Alignment of motion with a field, and the field's place in the observation (IV-A): NumPy or torch, any axes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 from hotice.arrays import clip, namespace
 
 ENCODE_SCALE = 0.6
-"""|F| at which the encoded magnitude is tanh(1) = 0.76 [m/s]: a unit of the observation, fixed for all policies; the size
-of the attractive force alone at the paper's eta (ours)."""
+"""|F| at which the encoded magnitude is tanh(1) = 0.76 [m/s]: a unit of the observation, fixed for all policies; the
+size of the attractive force alone at the paper's eta (ours)."""
 CLIP_M, DISTANCE_SCALE = (-0.1, 0.5), 2.0
 """Distances to obstacles are read clipped to this range [m], times this (ours)."""
 

@@ -1,4 +1,4 @@
-"""What happens to episodes from outside: starts and pushes."""
+"""Events that come to episodes from outside: starts and pushes."""
 
 from __future__ import annotations
 
@@ -109,9 +109,7 @@ def turn_about_root(qpos: Tensor, place: Tensor, object_q: int) -> Tensor:
 
 
 def push(physics: Physics, config: TaskConfig, generator: torch.Generator) -> None:
-    """Random horizontal change of the root velocity, on average every `push_interval_s`: a tenth of `push_m_s` to all
-    of it.
-    """
+    """Random horizontal kick of the root, every `push_interval_s` on average: 0.1 to 1 times `push_m_s`."""
     if config.push_m_s == 0.0:
         return
     draws = [torch.rand(physics.num_envs, generator=generator, device=physics.device) for _ in range(3)]

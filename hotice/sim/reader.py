@@ -118,9 +118,7 @@ class Reader:
     def _clearances(
         self, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor, robot: Spheres
     ) -> tuple[Tensor, Tensor]:
-        """Smallest gap between cover spheres and obstacles, `robot` and object, (N,) each, from the frames of all
-        bodies.
-        """
+        """Smallest gap to obstacles of the cover spheres of `robot` and object, (N,) each, from all bodies' frames."""
         if not self.has_obstacles:
             far = torch.full((len(xpos),), CLEAR_M, device=self.device)
             return far, far.clone()

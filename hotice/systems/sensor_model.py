@@ -1,4 +1,4 @@
-"""What the robot's sensors and estimators make of the true state: noise, delay, a root pose refreshed now and then.
+"""Sensor model: noise, delay and a root pose refreshed now and then between the true state and the robot.
 
 The one-robot twin of `hotice.sim.sensing.Sensors`, with the state of its random numbers in the Context.
 """

@@ -1,4 +1,4 @@
-"""How well the robot knows its own state and the object's: noise, delays and refresh rate of its sensors, in numbers.
+"""Sensing of the robot's own state and the object's: noise, delays and refresh rate of its sensors, in numbers.
 
 `hotice.sim.sensing` applies them to a batch, `hotice.systems.sensor_model` to one robot in a diagram.
 """

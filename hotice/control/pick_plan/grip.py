@@ -1,6 +1,4 @@
-"""How one object is gripped and held, wherever it stands: height of the palms, locked wrists, the carry state it ends
-in.
-"""
+"""Grip of one object, wherever it stands: height of the palms, locked wrists, the carry state it ends in."""
 
 from __future__ import annotations
 
@@ -9,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.pick_plan.support import Support
+from hotice.control.pick_plan.plan import Support
 from hotice.model import g1
 from hotice.model.carry import CarryState, solve_carry
 from hotice.model.objects import CarriedObject
@@ -36,7 +34,7 @@ READY_ARM = np.array([0.8, 0.6, 0.9, -0.7])  # left: hands wide and drawn back [
 
 @dataclass(frozen=True, kw_only=True)
 class Grip:
-    """Of one object from one support.
+    """Grip of one object from one support.
 
     Attributes:
         above_m: height of the palms above the object's centre.

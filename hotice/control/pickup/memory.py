@@ -1,4 +1,4 @@
-"""What a pick-up remembers from step to step."""
+"""Memory of a pick-up from step to step, and what it hands on within one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.control.pick_plan import PickPlan
-from hotice.control.pickup.footwork import Course
+from hotice.control.pickup.footwork import Course, Feet
 from hotice.control.pickup.stance import Stance
 from hotice.control.whole_body.qp import QpMemory
 
@@ -24,7 +24,7 @@ class PickupMemory:
         stance: the frame G of all that follows, None before the first finite measurement. start: (27,) the robot at the
         start. phase, since_s: what is done and since when. plan: of the present attempt; None while there is none.
         came_from: (27,) reference when the phase began. reference: (27,) of the last step.
-        squeeze_n: present wished force of each hand. lost_since_s: since when a hand feels too little.
+        squeeze_n: present target force of each hand. lost_since_s: since when a hand feels too little.
         course, com0: of the steps that are being taken, and the common centre of mass (2,) when they began.
         failure: why the pick-up was aborted, empty where it was not. attempt: grasps begun.
     """
@@ -52,3 +52,17 @@ class PickupMemory:
     def copy(self) -> PickupMemory:
         """An independent copy; plans are never changed and are shared."""
         return replace(self, qp=copy.deepcopy(self.qp), air=self.air.copy(), log=list(self.log))
+
+
+@dataclass
+class Motion:
+    """What the reference of one step does beside being at a configuration, in G.
+
+    Attributes:
+        rate: (26,) velocity of the reference. com_acc: (3,) of the centre of mass.
+        feet: where the ankles go while a foot is in the air.
+    """
+
+    rate: Array = field(default_factory=lambda: np.zeros(26))
+    com_acc: Array = field(default_factory=lambda: np.zeros(3))
+    feet: Feet | None = None

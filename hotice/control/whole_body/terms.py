@@ -1,5 +1,4 @@
-"""What the dynamics of the robot are at one state: mass matrix, bias forces, and Jacobians of the frames that have
-tasks.
+"""Terms of the robot's dynamics at one state: mass matrix, bias forces, Jacobians of the frames that have tasks.
 
 Pinocchio computes, into views that are taken once; a compiled function turns them into frame Jacobians in place. v and
 a are Pinocchio's: twist of the pelvis in its own frame (linear, angular), then the 20 joints of `g1.ACTION_JOINTS`.
@@ -7,14 +6,14 @@ a are Pinocchio's: twist of the pelvis in its own frame (linear, angular), then 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.compiled import compiled
 from hotice.control.controller import Measurement
-from hotice.errors import InvalidConfig
+from hotice.errors import InvalidConfig, MissingExtra
 from hotice.model import builder, g1
 
 if TYPE_CHECKING:
@@ -31,11 +30,11 @@ _SOURCE = ("pelvis_site", "left_ankle_roll_link", "right_ankle_roll_link", "left
 
 
 def robot_model(wrist_pos: ArrayLike | None = None) -> pinocchio.Model:
-    """The robot with free base and 20 joints, waist locked at zero and wrists at `wrist_pos` (6,) [rad], default
-    zero.
-    """
-    import pinocchio as pin
+    """Robot with free base and 20 joints; waist locked at zero, wrists at `wrist_pos` (6,) [rad], default zero.
 
+    Raises `MissingExtra` without Pinocchio.
+    """
+    pin = _pinocchio()
     wrist = np.zeros(6) if wrist_pos is None else np.asarray(wrist_pos, dtype=float)
     if wrist.shape != (6,) or not np.isfinite(wrist).all():
         raise InvalidConfig(
@@ -51,12 +50,12 @@ def robot_model(wrist_pos: ArrayLike | None = None) -> pinocchio.Model:
     return pin.buildReducedModel(model, [model.getJointId(name) for name in g1.LOCKED_JOINTS], q)
 
 
-def torque_limits() -> Array:
-    """Largest torque of each joint of `g1.ACTION_JOINTS`, (20,) [N m], of the description."""
-    import mujoco
-
-    model = mujoco.MjModel.from_xml_path(g1.xml_path())
-    return np.array([model.actuator(j.removesuffix("_joint")).ctrlrange[1] for j in g1.ACTION_JOINTS])
+def _pinocchio() -> Any:
+    try:
+        import pinocchio
+    except ModuleNotFoundError:
+        raise MissingExtra("whole-body control", "Pinocchio", "drake") from None
+    return pinocchio
 
 
 class Terms:
@@ -71,9 +70,7 @@ class Terms:
     """
 
     def __init__(self, wrist_pos: ArrayLike | None = None) -> None:
-        import pinocchio as pin
-
-        self._pin = pin
+        self._pin = pin = _pinocchio()
         self.model = model = robot_model(wrist_pos)
         if tuple(model.names)[2:] != g1.ACTION_JOINTS:
             raise InvalidConfig(

@@ -4,9 +4,13 @@ import json
 import os
 import subprocess
 import sys
+from typing import get_type_hints
 
 import pytest
 
+from hotice.commands import table
+from hotice.commands.configs import OPTIONS
+from hotice.commands.pipeline.jobs import OUTPUTS
 from hotice.commands.program import main
 
 COMMANDS = (
@@ -41,6 +45,12 @@ def test_help(name, capsys):
         main([name, "--help"])
     assert caught.value.code in (0, None)
     assert name == "tables" or "options" in capsys.readouterr().out
+
+
+def test_every_command_has_the_options_that_jobs_are_checked_against():
+    hints = {name: get_type_hints(command).get("config") for name, command in table.COMMANDS.items()}
+    assert {name: hint for name, hint in hints.items() if hint is not None} == dict(OPTIONS)
+    assert set(OUTPUTS) <= set(OPTIONS)
 
 
 def test_help_lists_every_command(capsys):

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from hotice.commands.benchmark import BenchmarkConfig
+from hotice.commands.configs import BenchmarkConfig, PlayConfig
 from hotice.commands.program import main
-from hotice.commands.reproduce import ReproduceConfig, reproduce
-from hotice.commands.table import PlayConfig
+from hotice.commands.recipes import ReproduceConfig
+from hotice.commands.reproduce import reproduce
 from hotice.errors import CarryInfeasible, CheckpointError, InputError, InvalidConfig, UnknownName
-from hotice.evaluate.run import EvaluateConfig
+from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.trials import Trials, TrialStore
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.distill.config import FinetuneConfig
@@ -84,7 +84,7 @@ def test_an_episode_has_a_step():
 def test_perturbations_by_hand_are_not_dropped(task):
     assert TrainConfig(task=task).task == task
     for make in (lambda: TrainConfig(task=task, perturbed=True), lambda: FinetuneConfig(task=task, init="x")):
-        with pytest.raises(InvalidConfig, match="give --no-perturbed"):
+        with pytest.raises(InvalidConfig, match="use --no-perturbed"):
             make()
     assert TrainConfig(task=TaskConfig().perturbed(), perturbed=True).perturbed
 
