@@ -1,7 +1,7 @@
 """One formula for NumPy and torch: what lets a function take the arrays of one robot and the tensors of a batch.
 
-Such a function uses operators, methods that both kinds have (`sum`, axes by position), `length` and `clip` from here and,
-for the rest, names of the Array API standard from `namespace`: `concat`, `stack`, `atan2`, `tanh`.
+Such a function uses operators, methods that both kinds have (`sum`, axes by position), `length` and `clip` from here,
+and names of the Array API standard from `namespace`: `concat`, `stack`, `atan2`, `tanh`.
 """
 
 from __future__ import annotations
