@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from hotice.errors import InvalidConfig
+from hotice import checks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,25 +43,8 @@ class PpoConfig:
     """Lower limit of the action's standard deviation (ours)."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "epochs", "minibatches"):
-            if int(getattr(self, name)) < 1:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
-        for name in ("gamma", "lam"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a number between 0 and 1 is needed")
-        for name in (
-            "clip",
-            "value_clip",
-            "learning_rate",
-            "max_learning_rate",
-            "target_kl",
-            "max_grad_norm",
-            "min_std",
-        ):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
-        for name in ("entropy", "value_weight", "mirror_weight"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        checks.wholes(self, checks.COUNT, "steps", "epochs", "minibatches")
+        checks.numbers(self, checks.SHARE, "gamma", "lam")
+        checks.numbers(self, checks.POSITIVE, "clip", "value_clip", "learning_rate", "max_learning_rate")
+        checks.numbers(self, checks.POSITIVE, "target_kl", "max_grad_norm", "min_std")
+        checks.numbers(self, checks.NOT_NEGATIVE, "entropy", "value_weight", "mirror_weight")
