@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from hotice.evaluate.referees import GOAL_M, STAY_S
+from hotice.evaluate.referees import STAY_S
 from hotice.evaluate.seeds import TrialSeeds
 from hotice.fields.bank import FieldBank
 from hotice.model.carry import CarryState
@@ -22,6 +22,7 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 from hotice.task.config import TaskConfig
 from hotice.task.protocols import get_protocol
+from hotice.task.rules import GOAL_M
 
 CPU = torch.device("cpu")
 KEPT = (

@@ -29,9 +29,10 @@ from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
 from hotice.sim.scan import scan_points
 from hotice.sim.sensing import KNOWN_ROWS, Sensors
 from hotice.sim.snapshot import LOOK_AHEAD_S, NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
-from hotice.sim.terminations import OUTCOMES, TERMINATIONS
+from hotice.sim.terminations import TERMINATIONS
 from hotice.task import history
 from hotice.task.config import TaskConfig, get_preset
+from hotice.task.rules import OUTCOMES, arrived, diverged, outcome_code
 
 TOUCH_HEIGHT_M = 0.012
 CLEAR_M = 10.0
@@ -252,7 +253,7 @@ class TransportEnv:
             truncated=truncated,
             outcome=outcome,
             goal_distance=s.goal_distance,
-            reached=s.goal_distance < self.config.goal_radius_m,
+            reached=self._arrived(s),
             touched=torch.minimum(s.clearance, s.object_clearance) < 0.0,
             scene=scene,
             model=model,
@@ -309,8 +310,7 @@ class TransportEnv:
         [m].
         """
         p = self.physics
-        bad = ~(torch.isfinite(p.qpos).all(dim=1) & torch.isfinite(p.qvel).all(dim=1))
-        bad |= (p.qvel.abs() > 1e3).any(dim=1) | (p.qpos[:, :3].abs() > 1e3).any(dim=1)
+        bad = diverged(p.qpos, p.qvel)
         if bad.any():
             ids = torch.nonzero(bad).squeeze(1)
             self.unstable += len(ids)
@@ -322,19 +322,21 @@ class TransportEnv:
         return bad
 
     def _outcome(self, s: Snapshot, unstable: Tensor) -> Tensor:
-        """Index into `OUTCOMES` of each episode, 0 where it goes on; earlier rows win."""
-        outcome = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
+        """Index into `OUTCOMES` of each episode, 0 where it goes on."""
         timeout = self.memory.step >= self.config.max_steps
         if self.config.goal_stay_s:
             timeout |= self._stayed(s)
-        outcome[timeout] = OUTCOMES.index("timeout")
+        seen = {"timeout": timeout, "unstable": unstable}
         if self.config.end_at_goal:
-            outcome[s.goal_distance < self.config.goal_radius_m] = OUTCOMES.index("success")
-        for row in reversed(TERMINATIONS):
+            seen["success"] = self._arrived(s)
+        for row in TERMINATIONS:
             if self.config.collisions or not row.collision:
-                outcome[row.condition(s)] = OUTCOMES.index(row.name)
-        outcome[unstable] = OUTCOMES.index("unstable")
-        return outcome
+                seen[row.name] = row.condition(s)
+        return outcome_code(torch.zeros(self.num_envs, dtype=torch.int64, device=self.device), **seen)
+
+    def _arrived(self, s: Snapshot) -> Tensor:
+        """Whether each root is at the goal, (N,) bool."""
+        return arrived(s.goal_distance, self.config.goal_radius_m)
 
     def _stayed(self, s: Snapshot) -> Tensor:
         """Which of those at the goal have stood there long enough, (N,) bool: drawn, so that nothing has to be
@@ -342,7 +344,7 @@ class TransportEnv:
         """
         chance = self.config.control_dt_s / self.config.goal_stay_s
         leaves = torch.rand(self.num_envs, generator=self.generator, device=self.device) < chance
-        return leaves & (s.goal_distance < self.config.goal_radius_m)
+        return leaves & self._arrived(s)
 
     def _start(self, ids: Tensor) -> None:
         m, n = self.memory, len(ids)

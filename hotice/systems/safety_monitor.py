@@ -19,6 +19,7 @@ from hotice.model import builder, g1
 from hotice.model.carry import CarryState
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.signals import JOINT_POS, JOINT_VEL, NUM_JOINTS, ROBOT_STATE, torque_limits
+from hotice.task.rules import UPRIGHT
 
 Array = NDArray[np.float64]
 
@@ -41,8 +42,8 @@ class Fault(IntEnum):
 class SafetyLimits:
     """When commands no longer pass."""
 
-    tilt_rad: float = 1.05
-    """Largest lean of the pelvis: a fall (60 degrees, as in the task)."""
+    tilt_rad: float = math.acos(UPRIGHT)
+    """Largest lean of the pelvis: a fall, as in the task."""
     joint_margin_rad: float = 0.1
     """How far a joint may be pressed beyond its range."""
 

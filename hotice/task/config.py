@@ -11,6 +11,7 @@ from hotice.model import g1
 from hotice.model.dynamics import DynamicsConfig, student_dynamics
 from hotice.model.object_range import ObjectRange
 from hotice.task.history import LONGEST, is_length
+from hotice.task.rules import GOAL_M
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 LOW, UP = "low", "up"
@@ -86,8 +87,8 @@ class TaskConfig:
     """Commanded speed (ours; the attractive force alone, eta = 0.6, leaves too little time for 2 m in 5 s)."""
     stop_gain_hz: float = 3.0
     """Near the goal the commanded speed is this times the distance (ours)."""
-    goal_radius_m: float = 0.1
-    """Success: root within this distance of the goal, horizontally (paper)."""
+    goal_radius_m: float = GOAL_M
+    """Arrival: root within this distance of the goal, horizontally."""
     gait_hz: float = 1.4
     """Step clock (CAT: 1.3 to 1.5)."""
     swing_height_m: float = 0.10
