@@ -27,7 +27,7 @@ from hotice.learn.checkpoints.training_scenes import whole_record
 from hotice.learn.policy import load_policy
 from hotice.learn.train.config import TrainConfig
 from hotice.model.scene_sets import resolve_scenes
-from hotice.task.config import PRESETS
+from hotice.task.presets import PRESETS
 from hotice.version import source_version
 
 FORMAT = "hotice-tables/1"

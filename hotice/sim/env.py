@@ -31,7 +31,8 @@ from hotice.sim.sensing import KNOWN_ROWS, Sensors
 from hotice.sim.snapshot import LOOK_AHEAD_S, NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
 from hotice.sim.terminations import TERMINATIONS
 from hotice.task import history
-from hotice.task.config import TaskConfig, get_preset
+from hotice.task.config import TaskConfig
+from hotice.task.presets import get_preset
 from hotice.task.rules import OUTCOMES, arrived, diverged, outcome_code
 
 TOUCH_HEIGHT_M = 0.012

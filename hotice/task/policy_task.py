@@ -14,7 +14,7 @@ from hotice.model import g1
 from hotice.task.history import LONGEST, is_length
 
 OBJECT_FIELDS = {"dual_hodpf": "ogf", "single_hodpf": "ogf", "dual_sgf": "sgf", "single_sgf": "sgf"}
-"""Which field hands and object read, by preset (`hotice.task.config.PRESETS`)."""
+"""Which field hands and object read, by preset (`hotice.task.presets.PRESETS`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
