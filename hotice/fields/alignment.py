@@ -5,7 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-ENCODE_SCALE = 0.6
+from hotice.fields.defaults import ETA
+
+ENCODE_SCALE = ETA
 """|F| at which the encoded magnitude is tanh(1) = 0.76: eta, the size of the attractive force alone (ours)."""
 
 

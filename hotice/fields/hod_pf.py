@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidConfig
+from hotice.fields.defaults import MARGIN_M, RESOLUTION_M
 from hotice.fields.grid import Grid
 from hotice.fields.potential import FieldParams, u_rep
 from hotice.fields.reachability import joins_start
@@ -154,7 +155,7 @@ def check_margin(margin_m: object) -> float:
 
 
 def build_hod_pf(
-    scene: Scene, resolution_m: float = 0.04, margin_m: float = 0.08, params: FieldParams | None = None
+    scene: Scene, resolution_m: float = RESOLUTION_M, margin_m: float = MARGIN_M, params: FieldParams | None = None
 ) -> HodPf:
     """Solves both fields of a scene.
 

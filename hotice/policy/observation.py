@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.fields.defaults import ETA
 from hotice.model.carry import CarryState
 from hotice.policy.guidance import NUM_FIELD, FieldReading
 from hotice.policy.percept import NUM_SGF, Percept
@@ -19,7 +20,7 @@ from hotice.task.policy_task import PolicyTask
 from hotice.task.scan import NUM_SCAN, nearness
 
 Array = NDArray[np.float64]
-ENCODE_SCALE = 0.6
+ENCODE_SCALE = ETA
 """|F| at which the encoded size is tanh(1), as `hotice.fields.alignment.ENCODE_SCALE` [m/s]."""
 LAYOUT: tuple[tuple[str, int], ...] = (
     ("gyro", 3),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from hotice.errors import InvalidConfig
 from hotice.model.dynamics import DynamicsConfig, student_dynamics
 from hotice.model.object_range import ObjectRange
+from hotice.task.contract import Contract
 from hotice.task.history import LONGEST, is_length
 from hotice.task.rules import GOAL_M
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
@@ -18,35 +19,15 @@ MOST = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class TaskConfig:
-    """Transport task. Lengths [m], times [s], angles [rad]."""
+class TaskConfig(Contract):
+    """Transport task: the contract of its policies, and all else. Lengths [m], times [s], angles [rad]."""
 
-    physics_dt_s: float = 0.005
-    """Physics step (ours)."""
-    substeps: int = 4
-    """Physics steps per control step: 50 Hz (paper)."""
     episode_s: float = 5.0
     """Time limit of a trial (paper)."""
-    leg_scale_rad: float = 0.3
-    """Joint target offset of the legs per unit action (ours)."""
-    arm_scale_rad: float = 0.12
-    """Joint target offset of the arms per unit action (ours)."""
-    action_limit: float = 4.0
-    """Actions are clipped to ± this (ours)."""
-    speed_m_s: float = 0.7
-    """Commanded speed (ours; the attractive force alone, eta = 0.6, leaves too little time for 2 m in 5 s)."""
-    stop_gain_hz: float = 3.0
-    """Near the goal the commanded speed is this times the distance (ours)."""
     goal_radius_m: float = GOAL_M
     """Arrival: root within this distance of the goal, horizontally."""
-    gait_hz: float = 1.4
-    """Step clock (CAT: 1.3 to 1.5)."""
     swing_height_m: float = 0.10
     """Wished height of a swinging sole at its peak (ours; CAT 0.07)."""
-    resolution_m: float = 0.04
-    """Grid of the fields (CAT)."""
-    margin_m: float = 0.08
-    """Inflation of the obstacles for the object-centric field (paper)."""
     objects: ObjectRange = field(default_factory=ObjectRange)
     """Carried objects (paper: at most 3.5 kg, 40 cm)."""
     carry_states: int = 64
@@ -78,11 +59,6 @@ class TaskConfig:
     """Whether reaching the goal ends the episode (evaluation)."""
     goal_stay_s: float = 0.0
     """Training: mean time at the goal before an episode is cut short, as by the time limit; 0: it never is (ours)."""
-    scan: bool = False
-    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields
-    only)."""
-    history: int = 0
-    """Past control steps of which the actors also read joints, IMU and actions (ours)."""
 
     def __post_init__(self) -> None:
         positive = (
@@ -126,11 +102,6 @@ class TaskConfig:
             raise InvalidConfig(f"history is {self.history!r}: a whole number from 0 to {LONGEST} is needed")
         if not 0.0 <= self.anywhere <= 1.0:
             raise InvalidConfig(f"anywhere is {self.anywhere!r}: a share between 0 and 1 is needed")
-
-    @property
-    def control_dt_s(self) -> float:
-        """Time between actions."""
-        return self.physics_dt_s * self.substeps
 
     @property
     def max_steps(self) -> int:

@@ -11,36 +11,23 @@ from numpy.typing import NDArray
 
 from hotice.errors import CheckpointError
 from hotice.model import g1
+from hotice.task.contract import Contract
 from hotice.task.history import LONGEST, is_length
-
-OBJECT_FIELDS = {"dual_hodpf": "ogf", "single_hodpf": "ogf", "dual_sgf": "sgf", "single_sgf": "sgf"}
-"""Which field hands and object read, by preset (`hotice.task.presets.PRESETS`)."""
+from hotice.task.presets import PRESETS
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyTask:
-    """Constants of a trained policy; see `hotice.sim.TaskConfig`, which describes each."""
+class PolicyTask(Contract):
+    """Constants of a trained policy; `object_field`: which field hands and object read, see `hotice.task.presets`."""
 
-    physics_dt_s: float = 0.005
-    substeps: int = 4
-    leg_scale_rad: float = 0.3
-    arm_scale_rad: float = 0.12
-    action_limit: float = 4.0
-    speed_m_s: float = 0.7
-    stop_gain_hz: float = 3.0
-    gait_hz: float = 1.4
-    resolution_m: float = 0.04
-    margin_m: float = 0.08
     object_field: str = "ogf"
-    scan: bool = False
-    history: int = 0
 
     @classmethod
     def from_meta(cls, meta: Mapping[str, Any], name: str = "policy") -> PolicyTask:
         """From the description in a policy file. Raises `CheckpointError` naming what is missing or impossible."""
         preset, task = meta.get("preset"), meta.get("task")
-        if preset not in OBJECT_FIELDS:
-            raise CheckpointError(f"{name}: preset is {preset!r}: known are {', '.join(OBJECT_FIELDS)}")
+        if preset not in PRESETS:
+            raise CheckpointError(f"{name}: preset is {preset!r}: known are {', '.join(PRESETS)}")
         scan = task.get("scan", False) if isinstance(task, Mapping) else False
         if not isinstance(scan, bool):
             raise CheckpointError(f"{name}: task constant scan is {scan!r}: true or false is needed")
@@ -49,7 +36,7 @@ class PolicyTask:
             raise CheckpointError(
                 f"{name}: task constant history is {past!r}: a whole number from 0 to {LONGEST} is needed"
             )
-        values: dict[str, Any] = {"object_field": OBJECT_FIELDS[preset], "scan": scan, "history": past}
+        values: dict[str, Any] = {"object_field": PRESETS[preset].object_field, "scan": scan, "history": past}
         for key in (f.name for f in fields(cls) if f.name not in values):
             value = task.get(key) if isinstance(task, Mapping) else None
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
@@ -58,11 +45,6 @@ class PolicyTask:
                 )
             values[key] = value
         return cls(**values)
-
-    @property
-    def control_dt_s(self) -> float:
-        """Time between actions [s]."""
-        return self.physics_dt_s * self.substeps
 
     @property
     def action_scale(self) -> NDArray[np.float64]:
