@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hotice.errors import InvalidConfig, UnknownName
-from hotice.task.rules import OUTCOMES, arrived, outcome_code
+from hotice.task import rules
+from hotice.task.rules import OUTCOMES
 
 REFEREES = ("exact", "points")
 DEEP_M = 0.04
@@ -103,12 +104,12 @@ def _first(signals: Signals, limit: int, robot: np.ndarray, load: np.ndarray) ->
     seen = {name: getattr(signals, name) for name in ("unstable", "fall", "drop")}
     late = np.zeros(signals.goal_m.shape, dtype=bool)
     late[limit - 1 :] = True
-    code = outcome_code(
+    code = rules.outcome_code(
         np.zeros(signals.goal_m.shape, dtype=np.int64),
         **seen,
         robot_collision=robot,
         object_collision=load,
-        success=arrived(signals.goal_m),
+        success=rules.arrived(signals.goal_m),
         timeout=late,
     )[:limit]
     at = (code > 0).argmax(axis=0)
@@ -149,7 +150,7 @@ def afterwards(signals: Signals, limit: int, stay: int) -> Afterwards:
     touch_at = np.where(touch.any(axis=0), touch.argmax(axis=0), last + 1)
     end = np.where(arrived, np.minimum(down_at, min(limit - 1, last)), at)
     then = np.minimum(at + stay, last)
-    near = arrived(signals.goal_m[then, trials]) & (down_at > then)
+    near = rules.arrived(signals.goal_m[then, trials]) & (down_at > then)
     return Afterwards(
         distance_m=signals.goal_m[end, trials],
         standing=arrived & (np.minimum(down_at, touch_at) >= limit),

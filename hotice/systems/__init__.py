@@ -12,7 +12,8 @@ if find_spec("pydrake") is None:
     raise MissingExtra("hotice.systems", "Drake", "drake")
 
 if TYPE_CHECKING:
-    from hotice.systems.record.rollout import read_logs, write_diagram, write_html
+    from hotice.systems.logs import read_logs
+    from hotice.systems.record.picture import write_diagram, write_html
     from hotice.systems.setup.config import StationConfig
     from hotice.systems.station.make import Station, make_station
 
@@ -20,9 +21,9 @@ _LAZY = {
     "Station": "station.make",
     "StationConfig": "setup.config",
     "make_station": "station.make",
-    "read_logs": "record.rollout",
-    "write_diagram": "record.rollout",
-    "write_html": "record.rollout",
+    "read_logs": "logs",
+    "write_diagram": "record.picture",
+    "write_html": "record.picture",
 }
 
 __all__ = ["Station", "StationConfig", "make_station", "read_logs", "write_diagram", "write_html"]

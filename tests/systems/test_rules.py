@@ -9,9 +9,10 @@ pytest.importorskip("pinocchio")
 from hotice.model.carry import Posture, solve_carry
 from hotice.model.robot_state import RobotState
 from hotice.systems.hand_over.stage import VERDICTS, RehearsalStage
+from hotice.systems.logs import SignalLog
 from hotice.systems.record.hand_over import report_hand_over
 from hotice.systems.record.play import Referee
-from hotice.systems.record.rollout import SignalLog, judge
+from hotice.systems.record.rollout import judge
 from hotice.systems.safety_monitor import Fault, SafePosture, SafetyLimits, find_fault
 from hotice.task.rules import UPRIGHT
 
@@ -34,7 +35,7 @@ def told(station, state):
             ("state_adaptor.robot_state", state),
         )
     }
-    stage = RehearsalStage(station)
+    stage = RehearsalStage(station.setup)
     data = mujoco.MjData(stage.model)
     data.qpos[:], data.qvel[:] = stage.start(state, 0.0)
     mujoco.mj_forward(stage.model, data)

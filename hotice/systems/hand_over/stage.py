@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.systems.setup.setup import StationSetup
 from hotice.systems.signals import JOINT_POS, JOINT_VEL, NQ
 from hotice.task import rules
 from hotice.task.judge import Judge
-
-if TYPE_CHECKING:
-    from hotice.systems.station.make import Station
 
 Array = NDArray[np.float64]
 VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diverged", "no_way")
@@ -24,10 +21,8 @@ VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diver
 class RehearsalStage:
     """The station's model, apart from its plant. `model`: its joints have motors."""
 
-    def __init__(self, station: Station) -> None:
-        from hotice.systems.station.plants import station_model
-
-        self.model = station_model(station)
+    def __init__(self, setup: StationSetup) -> None:
+        self.model = setup.model()
         self._judge = Judge(self.model, rules.falling)
 
     def start(self, state: Array, push_m_s: float) -> tuple[Array, Array]:

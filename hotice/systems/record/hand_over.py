@@ -15,7 +15,7 @@ from hotice.errors import NotAvailable
 from hotice.model import builder
 from hotice.systems.hand_over.mode_selector import MODES
 from hotice.systems.hand_over.stage import VERDICTS
-from hotice.systems.record.rollout import SignalLog
+from hotice.systems.logs import SignalLog
 from hotice.systems.signals import NQ
 from hotice.task.judge import Judge
 
@@ -30,7 +30,7 @@ class HandOverReport:
     Attributes:
         who: of `MODES`, who commands at the end. time_s: of the decision, None where there was none.
         verdict: of `VERDICTS`, why the policy was not let, "fit" where it was, empty without a decision.
-        failure: empty, or what happened: no hand-over, or a fall or drop by `hotice.task.rules`.
+        failure: empty, or what happened: no hand-over, or a fall, a drop or a diverged state.
         failed_s: after the decision, where it failed.
         walk_verdict: of `VERDICTS`, how the walk's rehearsal ended, empty where there was none.
     """

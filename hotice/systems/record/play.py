@@ -13,8 +13,9 @@ from pydrake.systems.analysis import Simulator
 
 from hotice.model import builder
 from hotice.replay import RolloutRecord
+from hotice.systems.logs import read_logs
 from hotice.systems.record.hand_over import HandOverReport, report_hand_over
-from hotice.systems.record.rollout import read_logs, to_record
+from hotice.systems.record.rollout import to_record
 from hotice.systems.signals import NQ, OBJECT_POS
 from hotice.systems.station.make import Station
 from hotice.task.judge import Judge
