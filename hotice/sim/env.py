@@ -27,13 +27,14 @@ from hotice.sim.physics.protocol import make_physics
 from hotice.sim.physics.ram import check_memory
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
 from hotice.sim.scan import scan_points
-from hotice.sim.sensing import KNOWN_ROWS, Sensors
+from hotice.sim.sensing import Sensors
 from hotice.sim.snapshot import LOOK_AHEAD_S, NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
 from hotice.sim.terminations import TERMINATIONS
 from hotice.task import history
 from hotice.task.config import TaskConfig
 from hotice.task.presets import get_preset
 from hotice.task.rules import OUTCOMES, arrived, diverged, outcome_code
+from hotice.task.sensing import KNOWN_ROWS
 
 TOUCH_HEIGHT_M = 0.012
 CLEAR_M = 10.0

@@ -1,5 +1,7 @@
 """What stands between the simulated state and the actor: noise, delays and a root pose that is refreshed now and then.
 
+The numbers and rules, those of delays too, are in `hotice.task.sensing`.
+
 Rewards, critics and terminations read the true snapshot; the actor reads what `Sensors.measure` makes of it. The
 estimate of the object is one: its pose in the observation and the points where its field is queried agree. All zero
 (teachers), the actor reads the truth.
@@ -16,10 +18,15 @@ from torch import Tensor
 
 from hotice.sim.encoder_error import turn_joints
 from hotice.sim.snapshot import Motion, Snapshot
-from hotice.task.sensing import TRACK_HEADING, TRACK_PLACE, TRACK_TILT, TRACK_VELOCITY, SensingConfig
-
-KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size", "history")
-"""Rows of the policy observation that no sensor measures now: they are never late. The history keeps what was read."""
+from hotice.task.sensing import (
+    LATE_SHARE,
+    TRACK_HEADING,
+    TRACK_PLACE,
+    TRACK_TILT,
+    TRACK_VELOCITY,
+    SensingConfig,
+    reads_late,
+)
 
 _STATE = ("root", "velocity", "gravity", "object", "age", "action_delay", "late", "seen")
 
@@ -44,8 +51,8 @@ class Sensors:
         moved: list[list[int]],
     ) -> None:
         self.config, self.guide, self.moved = config, guide, moved
-        self.hold_steps = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
-        self.longest_delay = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
+        self.hold_steps = config.refresh_steps(control_dt_s)
+        self.longest_delay = config.longest_delay(control_dt_s, substeps)
         self.root = torch.zeros(num_envs, 5, device=device)
         """Estimate x, y, z [m], sine and cosine of the heading."""
         self.gravity = torch.zeros(num_envs, 3, device=device)
@@ -55,7 +62,7 @@ class Sensors:
         self.dt_s = control_dt_s
         self.object = torch.zeros(num_envs, 3, 3, device=device)
         """Estimate of the object in P: position [m] and first two axes, as rows."""
-        self.gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
+        self.gain = config.filter_gain(control_dt_s)
         self.age = torch.zeros(num_envs, dtype=torch.int64, device=device)
         """Measurements of this episode."""
         self.action_delay = torch.zeros(num_envs, dtype=torch.int64, device=device)
@@ -82,13 +89,13 @@ class Sensors:
             draw = torch.randint(0, self.longest_delay + 1, (n,), generator=generator, device=device)
             self.action_delay[ids] = draw
         if self.config.sensor_delay_steps:
-            self.late[ids] = torch.rand(n, generator=generator, device=device) < 0.5
+            self.late[ids] = torch.rand(n, generator=generator, device=device) < LATE_SHARE
         self.age[ids] = 0
         self.velocity[ids] = 0.0
 
     def delay(self, observation: Tensor, ids: Tensor) -> Tensor:
         """What the actors of environments `ids` read of their newest observation (n, O)."""
-        late = (self.late[ids] & (self.age[ids] > 1))[:, None] & ~self.never_late
+        late = reads_late(self.late[ids], self.age[ids])[:, None] & ~self.never_late
         read = torch.where(late, self.seen[ids], observation)
         self.seen[ids] = observation
         return read
