@@ -26,7 +26,7 @@ class PolicyTask(Contract):
     def from_meta(cls, meta: Mapping[str, Any], name: str = "policy") -> PolicyTask:
         """From the description in a policy file. Raises `CheckpointError` naming what is missing or impossible."""
         preset, task = meta.get("preset"), meta.get("task")
-        if preset not in PRESETS:
+        if not isinstance(preset, str) or preset not in PRESETS:
             raise CheckpointError(f"{name}: preset is {preset!r}: known are {', '.join(PRESETS)}")
         scan = task.get("scan", False) if isinstance(task, Mapping) else False
         if not isinstance(scan, bool):
