@@ -52,7 +52,7 @@ def play_station(station: Station, seconds: float) -> Run:
     begun = None if station.pick is not None else 0.0
     while context.get_time() < end:
         simulator.AdvanceTo(context.get_time() + CHECK_S)
-        now, x = context.get_time(), state.Eval(of_adaptor)
+        now, x = context.get_time(), np.asarray(state.Eval(of_adaptor))
         if begun is None and _held(station, simulator):
             begun = now
         limit = PICK_S if begun is None else begun + (HELD_S if station.controller_name == "pickup" else seconds)
