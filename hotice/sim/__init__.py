@@ -3,7 +3,8 @@
 from typing import TYPE_CHECKING, Any
 
 from hotice.sim.env import Step, TransportEnv
-from hotice.task.config import PRESETS, TaskConfig
+from hotice.task.config import TaskConfig
+from hotice.task.presets import PRESETS
 
 if TYPE_CHECKING:
     from hotice.sim.vector_env import HoticeVectorEnv

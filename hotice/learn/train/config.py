@@ -12,7 +12,8 @@ from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.sim.physics.protocol import BACKENDS
 from hotice.sim.starts import NEAREST_M
-from hotice.task.config import TaskConfig, get_preset
+from hotice.task.config import TaskConfig
+from hotice.task.presets import get_preset
 
 
 @dataclass(frozen=True, kw_only=True)
