@@ -29,7 +29,7 @@ from hotice.model.carry import CarryState, solve_carry
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Scene
-from hotice.model.scene_sets import resolve_scenes
+from hotice.model.shipped import resolve_scenes
 from hotice.task.rules import GOAL_M
 
 PHYSICS_S, FINE_S = 0.005, 0.002

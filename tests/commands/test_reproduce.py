@@ -18,7 +18,8 @@ from hotice.commands.unseen import Fit
 from hotice.errors import CheckpointError, InvalidConfig, SimulationError, UnknownName
 from hotice.evaluate.config import EvaluateConfig
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
-from hotice.learn.policy import export_onnx, torch_policy
+from hotice.learn.export import export_onnx
+from hotice.learn.policy import torch_policy
 from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.runner import Runner
 from hotice.model.geometry.shapes import BoxShape

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from hotice.learn.ppo.networks import ActorCritic
-from hotice.learn.train.config import TrainConfig
-from hotice.learn.train.runner import config_to_dict
+from hotice.learn.train.config import TrainConfig, config_to_dict
 from hotice.model import Box, load_scene
 from hotice.model.carry import solve_carry
 from hotice.sim import TaskConfig
