@@ -5,6 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+__all__ = [
+    "mat_to_quat",
+    "normalize",
+    "quat_conj",
+    "quat_from_axis_angle",
+    "quat_from_yaw",
+    "quat_mul",
+    "quat_rotate",
+    "quat_to_mat",
+    "yaw_from_quat",
+]
+
 Array = NDArray[np.floating]
 
 
