@@ -13,17 +13,17 @@ import argparse
 import time
 
 import numpy as np
-from hotice.commands.unseen import GROUPS, compared
-from hotice.learn.checkpoints.trained_on import in_words
-from hotice.learn.checkpoints.training_scenes import whole_record
-from hotice.model.scene_sets import resolve_scenes
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from hotice.commands.unseen import GROUPS, compared
 from hotice.fields.bank import FieldBank
 from hotice.fields.similarity import similarity_matrix
+from hotice.learn.checkpoints.trained_on import in_words
+from hotice.learn.checkpoints.training_scenes import whole_record
 from hotice.learn.policy import load_policy
+from hotice.model.scene_sets import resolve_scenes
 
 BINS = 12
 BAR_WIDTH = 40

@@ -15,10 +15,9 @@ import argparse
 import sys
 from pathlib import Path
 
+from hotice.errors import HoticeError
 from hotice.evaluate.spread import spread_ratio, success_table
 from hotice.evaluate.trials import read_trials
-
-from hotice.errors import HoticeError
 
 
 def main(arguments: list[str] | None = None) -> int:

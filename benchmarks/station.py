@@ -19,10 +19,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from hotice.policy.guidance import read_fields
-from hotice.policy.observation import Carrying, observe, remember
-from hotice.systems.station.make import Station
-from hotice.systems.station.plants import station_model
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 from rich.table import Table
@@ -30,11 +26,14 @@ from rich.table import Table
 from hotice.files import write_text
 from hotice.model import g1, load_scene
 from hotice.policy import PerceptModel
+from hotice.policy.guidance import read_fields
+from hotice.policy.observation import Carrying, observe, remember
 from hotice.systems import StationConfig, make_station
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.policy import next_action
 from hotice.systems.signals import torque_limits
 from hotice.systems.state_adaptor import robot_state_of_mujoco
+from hotice.systems.station.make import Station
 from hotice.task import history
 
 SPEED_BAR, REAL_TIME_BAR, PELVIS_BAR_M = 0.85, 1.0, 0.05
@@ -44,7 +43,7 @@ class PlainLoop:
     """The station's policy and servo around `mj_step`, without Drake."""
 
     def __init__(self, station: Station) -> None:
-        self.station, self.model = station, station_model(station)
+        self.station, self.model = station, station.setup.model()
         self.data = mujoco.MjData(self.model)
         self.percept = PerceptModel(station.carry.carried)
         self.carrying = Carrying.of(station.carry)

@@ -17,13 +17,13 @@ from functools import cache
 from pathlib import Path
 
 import onnx
-from hotice.learn.checkpoints.checkpoint import read_meta, resolve
-from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn, in_words
-from hotice.policy.policy_file import KEY, POLICIES, content_hash, read_onnx_meta
 
 from hotice.errors import CheckpointError
 from hotice.files import write_bytes
+from hotice.learn.checkpoints.checkpoint import read_meta, resolve
+from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn, in_words
 from hotice.learn.policy import policy_meta
+from hotice.policy.policy_file import KEY, POLICIES, content_hash, read_onnx_meta
 from tools.record_training import record
 
 CHECKPOINTS = Path(__file__).resolve().parent.parent / "checkpoints"

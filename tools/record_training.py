@@ -14,11 +14,10 @@ import argparse
 import json
 from pathlib import Path
 
+from hotice.files import write_text
 from hotice.learn.checkpoints.checkpoint import META, read_meta, resolve
 from hotice.learn.checkpoints.scene_record import TOLD_BY
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn, in_words
-
-from hotice.files import write_text
 
 
 def record(folder: Path, trained_on: TrainedOn) -> None:

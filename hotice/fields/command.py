@@ -1,42 +1,52 @@
-"""The navigation command of one robot in numpy: the twin of `hotice.sim.commands`, which says how and why."""
+"""The navigation command c: what the guidance field asks of locomotion. NumPy or torch, one robot or a batch.
+
+The paper aggregates c from the Standard Guidance Field at head, pelvis and feet and leaves open how. Here: the mean of
+the four vectors, each shortened to at most eta (a foot brushing an obstacle must not drown the others), its horizontal
+part rescaled to the walking speed, which falls with the distance so that the root comes to rest on the goal. The
+vertical part stays the mean's, whatever the walking speed, and fades with it near the goal.
+"""
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from hotice.arrays import length, namespace
 
-Array = NDArray[np.float64]
 NEAR_M = 0.4
 """Closer to the goal than this, the command turns straight to it."""
 
 
 def navigation_command(
-    force_W: Array, offset_W: Array, attraction: float, speed_m_s: float, stop_gain_hz: float
-) -> tuple[Array, float]:
-    """Command c_W (3,) and speed [m/s].
+    force_W: Any, offset_W: Any, attraction: float, speed_m_s: float, stop_gain_hz: float
+) -> tuple[Any, Any]:
+    """Command c_W (..., 3) [m/s] with |c_xy| = speed, and speed (...) [m/s]; of the kind of the arrays given.
 
     Args:
-        force_W: (4, 3) field at head, pelvis and feet [m/s].
-        offset_W: (2,) horizontal vector from root to goal [m].
-        attraction: eta, to which longer vectors are cut [m/s].
+        force_W: (..., 4, 3) Standard Guidance Field at head, pelvis and feet [m/s].
+        offset_W: (..., 2) horizontal vector from root to goal [m].
+        attraction: eta of that field, to which longer vectors are cut [m/s].
         speed_m_s: walking speed far from the goal. stop_gain_hz: speed per distance near it.
     """
-    size = np.sqrt((force_W * force_W).sum(axis=1, keepdims=True))
-    x, y, z = (force_W * (attraction / np.maximum(size, attraction))).mean(axis=0).tolist()
-    dx, dy = offset_W.tolist()
-    distance = math.hypot(dx, dy)
-    speed = min(stop_gain_hz * distance, speed_m_s)
-    near = min(max(1.0 - distance / NEAR_M, 0.0), 1.0)
-    along, straight = (1.0 - near) / max(math.hypot(x, y), 1e-6), near / max(distance, 1e-6)
-    hx, hy = along * x + straight * dx, along * y + straight * dy
-    scale = speed / max(math.hypot(hx, hy), 1e-12)
-    return np.array([hx * scale, hy * scale, z * speed / speed_m_s]), speed
+    c_W = (force_W * (attraction / length(force_W).clip(attraction, None))[..., None]).sum(-2) / force_W.shape[-2]
+    distance = length(offset_W)
+    speed = (stop_gain_hz * distance).clip(None, speed_m_s)
+    # close by, straight at the goal: feet and head disagree
+    near = (1.0 - distance / NEAR_M).clip(0.0, 1.0)[..., None]
+    straight = offset_W / distance.clip(1e-6, None)[..., None]
+    along = c_W[..., :2] / length(c_W[..., :2]).clip(1e-6, None)[..., None]
+    blend = (1.0 - near) * along + near * straight
+    horizontal = blend / length(blend).clip(1e-12, None)[..., None] * speed[..., None]
+    vertical = c_W[..., 2:] * (speed / speed_m_s)[..., None]
+    return namespace(c_W).concat([horizontal, vertical], -1), speed
 
 
-def heading_error(c_W: Array, speed: float, yaw: float, speed_m_s: float) -> float:
-    """Angle from heading to command [rad], fading out as the speed does (no turning at the goal)."""
-    error = math.atan2(c_W[1], c_W[0]) - yaw
-    wrapped = math.atan2(math.sin(error), math.cos(error))
-    return wrapped * min(max(2.0 * speed / speed_m_s - 0.5, 0.0), 1.0)
+def heading_error(c_W: Any, speed: Any, yaw: Any, speed_m_s: float) -> Any:
+    """Angle from heading to command, (...) [rad], fading out as the speed does (no turning at the goal).
+
+    Args:
+        c_W: (..., 3) and speed (...) as `navigation_command` gives them [m/s].
+        yaw: (...) heading of the robot [rad]. speed_m_s: walking speed far from the goal.
+    """
+    xp = namespace(c_W)
+    error = xp.atan2(c_W[..., 1], c_W[..., 0]) - yaw
+    return xp.atan2(xp.sin(error), xp.cos(error)) * (2.0 * speed / speed_m_s - 0.5).clip(0.0, 1.0)

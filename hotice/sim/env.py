@@ -16,11 +16,11 @@ from torch import Tensor
 from hotice.errors import InvalidConfig
 from hotice.fields.bank import FieldBank
 from hotice.fields.clearance import Spheres
+from hotice.fields.command import heading_error, navigation_command
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim import cover
 from hotice.sim.carry_bank import CarryBank, pick
-from hotice.sim.commands import heading_error, navigation_command
 from hotice.sim.events import Starter, push, turn_about_root
 from hotice.sim.observations import PRIVILEGED, ObservationTable, policy_rows
 from hotice.sim.physics.protocol import make_physics
@@ -402,12 +402,12 @@ class TransportEnv:
 
     def _guide(self, motion: Motion, rows: Tensor | slice) -> dict[str, Any]:
         """Fields, command and goal as seen from a motion of environments `rows`: the guidance part of a snapshot."""
-        scene, cfg = self.memory.scene[rows], self.config
+        scene, cfg, eta = self.memory.scene[rows], self.config, self.bank.params.attraction
         sgf = self.bank.sample("sgf", scene, motion.p_WK[:, :NUM_SGF])
         carried = torch.cat([motion.p_WK[:, NUM_SGF : NUM_SGF + 2], motion.p_WOK], dim=1)
         ogf = self.bank.sample(self.preset.object_field, scene, carried)
         offset_W = self.bank.goal_W[scene, :2] - motion.p_WP[:, :2]
-        c_W, speed = navigation_command(sgf.force_W[:, STEERED], offset_W, cfg.speed_m_s, cfg.stop_gain_hz)
+        c_W, speed = navigation_command(sgf.force_W[:, STEERED], offset_W, eta, cfg.speed_m_s, cfg.stop_gain_hz)
         cos, sin = torch.cos(motion.yaw), torch.sin(motion.yaw)
         goal_Y = torch.stack(
             [cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1
@@ -415,6 +415,7 @@ class TransportEnv:
         return {
             "sgf": sgf,
             "ogf": ogf,
+            "eta": eta,
             "c_W": c_W,
             "speed": speed,
             "goal_Y": goal_Y,

@@ -16,16 +16,7 @@ from torch import Tensor
 
 from hotice.sim.encoder_error import turn_joints
 from hotice.sim.snapshot import Motion, Snapshot
-from hotice.task.sensing import (
-    STUDENT_SENSING,
-    TRACK_HEADING,
-    TRACK_PLACE,
-    TRACK_TILT,
-    TRACK_VELOCITY,
-    SensingConfig,
-)
-
-__all__ = ["KNOWN_ROWS", "STUDENT_SENSING", "Sensors", "SensingConfig"]
+from hotice.task.sensing import TRACK_HEADING, TRACK_PLACE, TRACK_TILT, TRACK_VELOCITY, SensingConfig
 
 KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size", "history")
 """Rows of the policy observation that no sensor measures now: they are never late. The history keeps what was read."""

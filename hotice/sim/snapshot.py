@@ -136,8 +136,8 @@ class Snapshot(Motion):
     """One instant of N environments. Positions [m], velocities [m/s, rad/s], in the frame that the name gives.
 
     `sgf` holds the Standard Guidance Field at the nine robot keypoints; `ogf` the field of hands and object at
-    (left hand, right hand, eight object keypoints). `c_W` (N, 3) is the navigation command c; its horizontal part has
-    the commanded speed. `touch` (N, 2): soles on the floor.
+    (left hand, right hand, eight object keypoints); `eta` is the attraction of both [m/s]. `c_W` (N, 3) is the
+    navigation command c; its horizontal part has the commanded speed. `touch` (N, 2): soles on the floor.
     `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `clearance_ahead` (N,): the
     same of upper body and object together, where they will be after `LOOK_AHEAD_S` at the commanded velocity.
     `robot_hit` and `object_hit` (N,) bool: collisions, from the cover in training and from exact geometry in
@@ -147,6 +147,7 @@ class Snapshot(Motion):
 
     sgf: FieldSample
     ogf: FieldSample
+    eta: float
     c_W: Tensor
     speed: Tensor
     heading_error: Tensor

@@ -6,13 +6,11 @@ import torch
 from torch import Tensor
 
 from hotice.fields.alignment import cosine, residual_cosine
-from hotice.fields.potential import FieldParams
 from hotice.model import g1
 from hotice.sim.snapshot import FEET, HANDS, HEAD, HEELS, PELVIS, TOES, Snapshot
 
 SPEED_EPS = 0.1
 """[m/s] softens the cosines: the direction of a body at rest scores nothing."""
-ETA = FieldParams().attraction
 _STEM = [g1.stem(j) for j in g1.ACTION_JOINTS]
 _STANCE_JOINTS = [i for i, s in enumerate(_STEM) if s in ("hip_roll", "hip_yaw")]
 
@@ -31,7 +29,7 @@ def _at_command(s: Snapshot) -> Tensor:
     """The object-centric field at the commanded speed, so that F − c vanishes where no obstacle bends it, (N, 10,
     3).
     """
-    return s.ogf.force_W * (s.speed / ETA)[:, None, None]
+    return s.ogf.force_W * (s.speed / s.eta)[:, None, None]
 
 
 # shared: potential fields and lifting
@@ -94,7 +92,7 @@ def _intrusion(distance: Tensor) -> Tensor:
 def progress(s: Snapshot) -> Tensor:
     """Root velocity along the command, at most the commanded speed, over eta: linear, so that slow never beats fast."""
     along = (s.v_WP[:, :2] * torch.nn.functional.normalize(s.c_W[:, :2], dim=-1)).sum(dim=-1)
-    return torch.minimum(along, s.speed) / ETA
+    return torch.minimum(along, s.speed) / s.eta
 
 
 def arrival(s: Snapshot) -> Tensor:

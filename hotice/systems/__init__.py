@@ -13,9 +13,11 @@ if find_spec("pydrake") is None:
     raise MissingExtra("hotice.systems", "Drake", "drake")
 
 if TYPE_CHECKING:
+    from hotice.systems.logs import SignalLog, read_logs
     from hotice.systems.record.hand_over import HandOverReport, report_hand_over
+    from hotice.systems.record.picture import write_diagram, write_html
     from hotice.systems.record.play import play_station
-    from hotice.systems.record.rollout import SignalLog, read_logs, to_record, write_diagram, write_html
+    from hotice.systems.record.rollout import to_record
     from hotice.systems.safety_monitor import Fault, SafetyLimits, SafetyMonitor
     from hotice.systems.setup.config import StationConfig
     from hotice.systems.setup.rehearsal_config import RehearsalConfig

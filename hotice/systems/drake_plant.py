@@ -47,9 +47,9 @@ STIFFNESS_N_M, DISSIPATION_S_M = 5e4, 10.0
 """Of each contact point: a standing robot sinks in by less than 1 mm."""
 FLOOR_M = (100.0, 100.0, 1.0)
 """A box: Drake warns of half spaces."""
-FRICTION = {"object": 2.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "trunk": 0.5, "robot": 1.0}
-"""Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palm and object 2, sole and floor 1, trunk and object
-0.8. On floor and obstacles the object has 1.33, in MuJoCo 0.8: no mean gives all four."""
+FRICTION = {"object_in_hands": 2.0, "object": 2.0 / 3.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "robot": 1.0}
+"""Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palm and object 2, sole and floor 1, the object with all
+else 0.8. No single friction of the object does: it has two geometries of one shape, one that only palms meet."""
 
 
 class DrakePlant(Diagram):
@@ -83,7 +83,7 @@ class DrakePlant(Diagram):
         plant, scene_graph = AddMultibodyPlant(config, builder)
         (robot,) = models.add_to_plant(plant, 20, wrist_pos)
         groups, meeting = _robot_geometry(plant, scene_graph)
-        groups["object"] = [_add_object(plant, carried)]
+        groups["object"], groups["object_in_hands"] = _add_object(plant, carried)
         floor = RigidTransform([0.0, 0.0, -0.5 * FLOOR_M[2]])
         groups["floor"] = [_add_fixed(plant, floor, Box(*FLOOR_M), "floor", "floor")]
         groups["obstacle"] = [
@@ -173,7 +173,7 @@ def _robot_geometry(
     model = models.robot_spec(20).compile()
     for i in range(model.ngeom):
         bits[model.geom(i).name] = int(model.geom_conaffinity[i])
-    groups: dict[str, list[GeometryId]] = {"robot": [], "no_floor": [], "no_object": []}
+    groups: dict[str, list[GeometryId]] = {"robot": [], "palm": [], "no_floor": [], "no_object": []}
     named: dict[str, GeometryId] = {}
     inspector = scene_graph.model_inspector()
     for geometry in inspector.GetAllGeometryIds(Role.kProximity):
@@ -186,8 +186,9 @@ def _robot_geometry(
             groups["no_floor"].append(geometry)
         if not bits[name] & models.OBJECT:
             groups["no_object"].append(geometry)
-        meets_object = bool(bits[name] & models.OBJECT)
-        kind = "palm" if "_palm_" in name else "trunk" if meets_object else "robot"
+        kind = "palm" if "_palm_" in name else "robot"
+        if kind == "palm":
+            groups["palm"].append(geometry)
         scene_graph.AssignRole(plant.get_source_id(), geometry, _properties(kind), RoleAssign.kReplace)
     return groups, [(named[one], named[other]) for one, other in self_contact.pairs()]
 
@@ -203,10 +204,16 @@ def _filter(
         rules.AllowBetween(GeometrySet([one]), GeometrySet([other]))
     rules.ExcludeBetween(sets["no_floor"], sets["floor"])
     rules.ExcludeBetween(sets["no_object"], sets["object"])
+    rules.ExcludeBetween(sets["palm"], sets["object"])
+    in_hands = sets["object_in_hands"]
+    for name in ("robot", "floor", "obstacle"):
+        rules.ExcludeBetween(sets[name], in_hands)
+    rules.AllowBetween(sets["palm"], in_hands)
     scene_graph.collision_filter_manager().Apply(rules)
 
 
-def _add_object(plant: MultibodyPlant, carried: CarriedObject) -> GeometryId:
+def _add_object(plant: MultibodyPlant, carried: CarriedObject) -> tuple[list[GeometryId], list[GeometryId]]:
+    """Geometries of the object: what everything but palms meets, and what palms meet."""
     unit = UnitInertia(*(np.array(carried.inertia_diag_kgm2) / carried.mass_kg))
     body = plant.AddRigidBody(
         models.OBJECT_BODY,
@@ -215,7 +222,11 @@ def _add_object(plant: MultibodyPlant, carried: CarriedObject) -> GeometryId:
     )
     shape = primitive(*carried.mujoco_geom())
     plant.RegisterVisualGeometry(body, RigidTransform(), shape, "object", np.array([0.80, 0.60, 0.35, 1.0]))
-    return plant.RegisterCollisionGeometry(body, RigidTransform(), shape, "object", _properties("object"))
+    met, held = (
+        plant.RegisterCollisionGeometry(body, RigidTransform(), shape, kind, _properties(kind))
+        for kind in ("object", "object_in_hands")
+    )
+    return [met], [held]
 
 
 def _add_fixed(plant: MultibodyPlant, X_WG: RigidTransform, shape: Shape, name: str, kind: str) -> GeometryId:

@@ -10,8 +10,8 @@ from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
 from hotice.model.dynamics import DynamicsConfig, student_dynamics
 from hotice.model.object_range import ObjectRange
-from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
 from hotice.task.history import LONGEST, is_length
+from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 LOW, UP = "low", "up"
 STUDENT_PUSH_M_S = 1.0

@@ -6,7 +6,6 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from hotice.control.pickup.footwork import GRID_S, LANDING_S, SWING_S, Departure, plan_steps
-
 from hotice.control.pickup.stepping import moved
 from hotice.errors import InvalidConfig
 from hotice.model.frames import quat_from_yaw, quat_rotate, yaw_from_quat

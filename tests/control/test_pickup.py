@@ -10,15 +10,14 @@ pytest.importorskip("proxsuite")
 pytest.importorskip("pydrake")
 pytest.importorskip("adam.casadi")
 
-from hotice.control.pick_plan.paths.trajectory import JOINT_SPEED
-from hotice.control.pickup.path import along, ease
-from hotice.control.whole_body.terms import FEET, LEFT_HAND, Terms, torque_limits
-
 from benchmarks.pickup import NEAR_M, Trial, run
 from hotice.control.pick_plan import Planner, Support
+from hotice.control.pick_plan.paths.trajectory import JOINT_SPEED
 from hotice.control.pick_plan.task import COM_BOX_M, frames_at
 from hotice.control.pickup import Pickup, PickupConfig, Stance
+from hotice.control.pickup.path import along, ease
 from hotice.control.pickup.tracking import Tracking
+from hotice.control.whole_body.terms import FEET, LEFT_HAND, Terms, torque_limits
 from hotice.errors import CarryInfeasible, HoticeError, InvalidConfig, PickInfeasible
 from hotice.model import Box, Cylinder, Sphere
 from hotice.model.frames import quat_from_axis_angle, quat_from_yaw, quat_mul, quat_rotate, quat_to_mat
@@ -111,6 +110,7 @@ def test_plans_keep_their_promises(carried):
 
 def test_paths_start_and_end_at_rest():
     import pinocchio as pin
+
     from hotice.control.whole_body.terms import robot_model
 
     model = robot_model()

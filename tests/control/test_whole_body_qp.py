@@ -12,14 +12,13 @@ import pytest
 pytest.importorskip("pinocchio")
 pytest.importorskip("proxsuite")
 
+from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M
+from hotice.control.plant import TorquePlant
 from hotice.control.whole_body.contacts import PALM_M, SOLE_POINTS_M, Contacts
 from hotice.control.whole_body.qp import FEET, FIRST_CONE, HANDS, NV, QpConfig, WholeBodyQp
 from hotice.control.whole_body.solvers import Guess, Problem, make_solver
 from hotice.control.whole_body.tasks import Targets
 from hotice.control.whole_body.terms import FRAMES, PELVIS, Terms, robot_model, torque_limits
-
-from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M
-from hotice.control.plant import TorquePlant
 from hotice.errors import HoticeError, InvalidConfig, UnknownName
 from hotice.model import Box, builder, g1
 from hotice.model.carry import solve_carry

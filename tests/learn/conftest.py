@@ -5,10 +5,10 @@ import dataclasses
 import numba
 import pytest
 import torch
-from hotice.learn.train.config import PpoConfig, TrainConfig
-from hotice.learn.train.runner import Runner
 
 from hotice.learn.policy import export_onnx, torch_policy
+from hotice.learn.train.config import PpoConfig, TrainConfig
+from hotice.learn.train.runner import Runner
 from hotice.sim import TaskConfig
 
 TINY = [

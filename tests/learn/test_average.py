@@ -2,15 +2,15 @@ import dataclasses
 
 import pytest
 import torch
+
+from hotice.errors import InvalidConfig
 from hotice.learn.checkpoints.average import COUNT, PREFIX, AveragedPolicy, averaged
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
+from hotice.learn.policy import torch_policy
 from hotice.learn.ppo.networks import ActorCritic
 from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.runner import Runner
 from hotice.task.config import get_preset
-
-from hotice.errors import InvalidConfig
-from hotice.learn.policy import torch_policy
 
 
 @pytest.fixture

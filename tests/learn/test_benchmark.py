@@ -3,15 +3,15 @@ import json
 import re
 
 import pytest
+
+from hotice.commands import benchmark
 from hotice.commands.benchmark import SHARES, BenchmarkConfig, measure
 from hotice.commands.program import main
 from hotice.commands.stopwatch import Stopwatch
-from hotice.learn.train.config import TrainConfig
-from hotice.learn.train.runner import Runner
-
-from hotice.commands import benchmark
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.fields.bank import FieldBank
+from hotice.learn.train.config import TrainConfig
+from hotice.learn.train.runner import Runner
 
 
 class Clock:

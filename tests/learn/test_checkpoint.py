@@ -3,10 +3,10 @@ import shutil
 
 import pytest
 import torch
-from hotice.learn.checkpoints.checkpoint import META, TENSORS, list_checkpoints, load_checkpoint, save_checkpoint
 
 from hotice.errors import CheckpointError, OutputError
 from hotice.learn.checkpoints import checkpoint
+from hotice.learn.checkpoints.checkpoint import META, TENSORS, list_checkpoints, load_checkpoint, save_checkpoint
 
 DATA = {"a": torch.arange(6.0).view(2, 3), "b": torch.tensor(3)}
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+
 from hotice.commands.program import main
 
 COMMANDS = (
@@ -241,6 +242,7 @@ def test_damaged_and_foreign_onnx(onnx_file, tmp_path, capfd):
 def test_a_policy_of_another_layout(onnx_file, tmp_path, capfd):
     """As a file that is whole, but was made for another observation."""
     import onnx
+
     from hotice.policy.policy_file import KEY, content_hash
 
     model = onnx.load(onnx_file)

@@ -3,12 +3,12 @@ from types import SimpleNamespace
 
 import pytest
 import torch
-from hotice.learn.checkpoints.checkpoint import load_checkpoint
-from hotice.learn.train.curriculum import SceneCurriculum, Stages
-from hotice.learn.train.runner import Runner
 
 from hotice.errors import InvalidConfig
+from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.train import curriculum as module
+from hotice.learn.train.curriculum import SceneCurriculum, Stages
+from hotice.learn.train.runner import Runner
 
 
 def test_scenes_that_still_fail_come_first():

@@ -2,14 +2,14 @@ import dataclasses
 
 import pytest
 import torch
+
+from hotice.errors import CheckpointError, InvalidConfig
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.distill.config import DistillConfig
 from hotice.learn.distill.dagger import DistillRunner
 from hotice.learn.distill.labels import Labels, ReplayBuffer
-from hotice.learn.train.runner import Runner
-
-from hotice.errors import CheckpointError, InvalidConfig
 from hotice.learn.policy import torch_policy
+from hotice.learn.train.runner import Runner
 
 
 @pytest.fixture(scope="session")

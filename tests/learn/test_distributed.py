@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
+
+from hotice.learn import distributed
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.ppo.dual_ppo import DualPpo
 from hotice.learn.ppo.learner import MIRROR_ROWS
@@ -15,11 +18,8 @@ from hotice.learn.ppo.networks import ActorCritic
 from hotice.learn.ppo.storage import Batch, Rollout
 from hotice.learn.train.config import PpoConfig
 from hotice.learn.train.runner import Runner
-from hotice.task.config import DUAL
-from safetensors.torch import load_file, save_file
-
-from hotice.learn import distributed
 from hotice.sim.observations import mirror_action
+from hotice.task.config import DUAL
 
 OBS, CRITIC, STEPS = 11, 13, 6
 ENVS = {"one": 8, "several": 1600}

@@ -15,20 +15,20 @@ import threading
 import pytest
 import torch
 import yaml
+
 from hotice.commands.pipeline.file import load_pipeline
 from hotice.commands.pipeline.jobs import LOCK, Job, JobProcess
 from hotice.commands.program import main
+from hotice.errors import CheckpointError, DivergedError, OutOfMemory, OutputError, SimulationError
+from hotice.evaluate import run as evaluate
 from hotice.failures import LOWER, mendable
 from hotice.learn.checkpoints.checkpoint import PREFIX, TENSORS, list_checkpoints, load_checkpoint, save_checkpoint
 from hotice.learn.checkpoints.health import check_network, first_not_finite
-from hotice.learn.train.progress import LOG, Progress, keep_rows
-from hotice.learn.train.runner import Runner
-
-from hotice.errors import CheckpointError, DivergedError, OutOfMemory, OutputError, SimulationError
-from hotice.evaluate import run as evaluate
 from hotice.learn.distill import dagger
 from hotice.learn.policy import torch_policy
 from hotice.learn.train import runner
+from hotice.learn.train.progress import LOG, Progress, keep_rows
+from hotice.learn.train.runner import Runner
 from hotice.model.scene import Scene
 
 FEW = ["--num-envs", "4", "--steps", "4", "--checkpoint-updates", "1"]

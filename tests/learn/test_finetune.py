@@ -2,11 +2,11 @@ import dataclasses
 
 import pytest
 import torch
+
+from hotice.errors import InvalidConfig
 from hotice.learn.distill.config import DistillConfig, FinetuneConfig
 from hotice.learn.distill.dagger import DistillRunner
 from hotice.learn.train.runner import Runner
-
-from hotice.errors import InvalidConfig
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,5 @@
 import torch
+
 from hotice.learn.ppo.gae import gae
 
 GAMMA, LAM = 0.9, 0.8

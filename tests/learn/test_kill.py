@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
+
 from hotice.commands.pipeline.file import load_pipeline
 from hotice.commands.pipeline.jobs import LOCK
 from hotice.commands.program import main
 from hotice.learn.checkpoints.checkpoint import PREFIX, load_checkpoint
-
 from hotice.learn.policy import load_policy, torch_policy
 
 KILLS = int(os.environ.get("HOTICE_KILLS", "3"))

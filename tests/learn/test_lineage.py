@@ -6,16 +6,16 @@ import shutil
 from pathlib import Path
 
 import pytest
+
 from hotice.commands.paper_tables import Made, origins_markdown
+from hotice.errors import CheckpointError
 from hotice.learn.checkpoints.checkpoint import META, load_checkpoint, read_meta, resolve
 from hotice.learn.checkpoints.lineage import line_of, total_steps
 from hotice.learn.checkpoints.merge import merge
 from hotice.learn.distill.config import DistillConfig
 from hotice.learn.distill.dagger import DistillRunner
-from hotice.learn.train.runner import Runner
-
-from hotice.errors import CheckpointError
 from hotice.learn.policy import torch_policy
+from hotice.learn.train.runner import Runner
 
 
 def test_branches_count_their_ancestor_once(run, tiny, tmp_path):

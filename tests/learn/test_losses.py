@@ -2,6 +2,7 @@ import math
 
 import pytest
 import torch
+
 from hotice.learn.ppo.losses import clipped_surrogate, clipped_value
 from hotice.learn.ppo.networks import kl_divergence, log_prob
 

@@ -4,14 +4,14 @@ import shutil
 
 import pytest
 import torch
+
 from hotice.commands.program import main
+from hotice.errors import CheckpointError, InvalidConfig, OutputError
 from hotice.learn.checkpoints.average import PREFIX
 from hotice.learn.checkpoints.checkpoint import list_checkpoints, load_checkpoint, save_checkpoint
 from hotice.learn.checkpoints.merge import merge
-from hotice.learn.train.runner import Runner
-
-from hotice.errors import CheckpointError, InvalidConfig, OutputError
 from hotice.learn.policy import torch_policy
+from hotice.learn.train.runner import Runner
 
 ACTOR, CRITIC = "nets.low.actor.0.weight", "nets.low.critic.0.weight"
 

@@ -1,8 +1,8 @@
 import torch
-from hotice.learn.ppo.networks import ActorCritic, Normalizer
-from hotice.task.config import DUAL, SINGLE
 
+from hotice.learn.ppo.networks import ActorCritic, Normalizer
 from hotice.sim.observations import POLICY, ObservationTable
+from hotice.task.config import DUAL, SINGLE
 
 
 def net(agents=DUAL, obs=11, critic=13):

@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
+
+from hotice.commands.pipeline import run as module
 from hotice.commands.pipeline.file import load_pipeline
 from hotice.commands.pipeline.jobs import LOCK, Job, JobProcess
 from hotice.commands.pipeline.run import STATUS, LocalWorkers, PipelineConfig, run_pipeline
 from hotice.commands.program import main
+from hotice.errors import HoticeError, InvalidConfig
 from hotice.learn.checkpoints.checkpoint import list_checkpoints, load_checkpoint
 from hotice.learn.train.runner import Runner
-
-from hotice.commands.pipeline import run as module
-from hotice.errors import HoticeError, InvalidConfig
 
 SMALL = Path(module.__file__).resolve().parents[1] / "pipelines" / "small.yaml"
 TINY = {
@@ -342,8 +342,9 @@ def test_one_of_two_nodes_of_a_ray_cluster_dies(write, tiny, tmp_path, monkeypat
     """Two teachers side by side: one loses its machine when both have got on, and goes on elsewhere; the other is left
     alone."""
     pytest.importorskip("ray")
-    from hotice.commands.pipeline.cluster import RayWorkers
     from ray.cluster_utils import Cluster
+
+    from hotice.commands.pipeline.cluster import RayWorkers
 
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
     nodes = [cluster.add_node(num_cpus=1) for _ in range(2)]

@@ -6,10 +6,10 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from hotice.policy.policy_file import FORMAT, KEY
 
 from hotice.errors import CheckpointError, OutputError, UnknownName
 from hotice.learn.policy import OnnxPolicy, check_layout, export_onnx, load_policy, torch_policy
+from hotice.policy.policy_file import FORMAT, KEY
 from hotice.sim.observations import POLICY, ObservationTable
 
 CHECKPOINTS = Path(__file__).parents[2] / "checkpoints"

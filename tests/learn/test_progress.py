@@ -3,6 +3,7 @@
 import json
 
 import pytest
+
 from hotice.learn.train.progress import LOG, Progress
 
 NUMBERS = {"reward": 0.123456789, "steps_per_s": 1234.5, "share/fall": 0.25}

@@ -6,25 +6,25 @@ from pathlib import Path
 
 import pytest
 import torch
+
 from hotice.commands.benchmark import BenchmarkConfig
 from hotice.commands.program import main
 from hotice.commands.reproduce import ReproduceConfig, reproduce
 from hotice.commands.table import PlayConfig
+from hotice.errors import CarryInfeasible, CheckpointError, InputError, InvalidConfig, UnknownName
 from hotice.evaluate.run import EvaluateConfig
 from hotice.evaluate.trials import Trials, TrialStore
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.distill.config import FinetuneConfig
-from hotice.learn.train.config import PpoConfig, TrainConfig
-
-from hotice.errors import CarryInfeasible, CheckpointError, InputError, InvalidConfig, UnknownName
 from hotice.learn.policy import load_policy
 from hotice.learn.train import runner
+from hotice.learn.train.config import PpoConfig, TrainConfig
 from hotice.model.dynamics import DynamicsConfig
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import load_scenes
 from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.sensing import SensingConfig
+from hotice.task.sensing import SensingConfig
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ import time
 
 import pytest
 import torch
+
+from hotice.errors import CheckpointError, OutputError
 from hotice.learn.checkpoints.checkpoint import (
     META,
     TENSORS,
@@ -18,8 +20,6 @@ from hotice.learn.checkpoints.checkpoint import (
     sha256,
 )
 from hotice.learn.train.runner import Runner
-
-from hotice.errors import CheckpointError, OutputError
 
 
 def newest(out):

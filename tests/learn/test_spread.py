@@ -2,11 +2,11 @@ import json
 
 import numpy as np
 import pytest
-from hotice.evaluate.spread import spread_ratio, success_table
-from hotice.evaluate.trials import Trials, TrialStore, read_trials, success_interval
 
 from benchmarks.spread import main
 from hotice.errors import InputError, InvalidConfig
+from hotice.evaluate.spread import spread_ratio, success_table
+from hotice.evaluate.trials import Trials, TrialStore, read_trials, success_interval
 
 
 def test_ratio_by_hand():

@@ -1,8 +1,8 @@
 from types import SimpleNamespace
 
 import torch
-from hotice.learn.train.statistics import EpisodeStatistics
 
+from hotice.learn.train.statistics import EpisodeStatistics
 from hotice.sim.terminations import OUTCOMES
 
 TIMEOUT, FALL = OUTCOMES.index("timeout"), OUTCOMES.index("fall")

@@ -2,12 +2,12 @@ from types import SimpleNamespace
 
 import pytest
 import torch
-from hotice.learn.checkpoints.checkpoint import load_checkpoint, save_checkpoint
-from hotice.learn.distill.teachers import Teachers, columns_in
-from hotice.learn.train.runner import config_to_dict
 
 from hotice.errors import CheckpointError
+from hotice.learn.checkpoints.checkpoint import load_checkpoint, save_checkpoint
+from hotice.learn.distill.teachers import Teachers, columns_in
 from hotice.learn.policy import torch_policy
+from hotice.learn.train.runner import config_to_dict
 
 
 @pytest.fixture

@@ -5,8 +5,10 @@ import json
 import shutil
 from pathlib import Path
 
-import hotice.learn.checkpoints.trained_on as module
 import pytest
+
+import hotice.learn.checkpoints.trained_on as module
+from hotice.errors import CheckpointError
 from hotice.learn.checkpoints.checkpoint import META, read_meta, resolve
 from hotice.learn.checkpoints.merge import merge
 from hotice.learn.checkpoints.scene_record import SceneRecord
@@ -14,10 +16,8 @@ from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn, in_words
 from hotice.learn.checkpoints.training_scenes import TrainingScenes, whole_record
 from hotice.learn.distill.config import DistillConfig
 from hotice.learn.distill.dagger import DistillRunner
-from hotice.learn.train.runner import Runner
-
-from hotice.errors import CheckpointError
 from hotice.learn.policy import export_onnx, load_policy, torch_policy
+from hotice.learn.train.runner import Runner
 from hotice.model.generate.families import family_scenes
 from hotice.model.generate.family_names import family_of
 from hotice.model.scene import load_scene, load_scenes

@@ -1,11 +1,11 @@
 """Groups of unseen scenes by what was trained on."""
 
 import pytest
+
 from hotice.commands.unseen import compared, group_of, similarities, unseen_points
 from hotice.commands.unseen_views import draw_unseen, unseen_markdown
 from hotice.evaluate.trials import success_interval
 from hotice.learn.checkpoints.trained_on import TrainedOn
-
 from hotice.model.generate.families import family_scenes
 from hotice.model.scene import load_scene
 

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 import torch
-from hotice.policy.guidance import read_fields
-from hotice.policy.observation import Carrying, layout_of, observe, remember
-from hotice.policy.percept import Percept, PerceptModel
-from hotice.task.policy_task import PolicyTask
 
 from hotice.fields import build_hod_pf
 from hotice.model.robot_state import RobotState
+from hotice.policy.guidance import read_fields
+from hotice.policy.observation import Carrying, layout_of, observe, remember
+from hotice.policy.percept import Percept, PerceptModel
 from hotice.sim.observations import ObservationTable, policy_rows
+from hotice.task.policy_task import PolicyTask
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,12 @@ import sys
 import numpy as np
 import pytest
 import torch
-from hotice.policy.observation import LAYOUT, SIZE
-from hotice.policy.policy_file import check_layout
-from hotice.task.config import PRESETS, TaskConfig
 
 from hotice.errors import CheckpointError, UnknownName
 from hotice.policy import PolicyTask, open_policy, shipped_policies
+from hotice.policy.observation import LAYOUT, SIZE
+from hotice.policy.policy_file import check_layout
+from hotice.task.config import PRESETS, TaskConfig
 
 
 def test_shipped_policy_acts_as_through_torch():

@@ -3,13 +3,13 @@ bit."""
 
 import pytest
 import torch
-from hotice.task.history import FRAME
 
 from hotice.errors import InvalidConfig
 from hotice.model.objects import Box
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.observations import mirror_action
 from hotice.sim.snapshot import Memory
+from hotice.task.history import FRAME
 
 STEPS = 3
 COLUMNS = torch.cat([torch.arange(46), torch.arange(66, 86)])

@@ -7,14 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from hotice.task.protocols import get_protocol
 
 from hotice.model.dynamics import LEAST_PUSH, ROBOT_DYNAMICS
 from hotice.model.object_range import ObjectRange
 from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.events import push
-from hotice.sim.sensing import STUDENT_SENSING
+from hotice.task.protocols import get_protocol
+from hotice.task.sensing import STUDENT_SENSING
 
 CPU = torch.device("cpu")
 AT_ONCE = replace(

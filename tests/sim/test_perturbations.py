@@ -1,12 +1,12 @@
 from dataclasses import fields, replace
 
 import pytest
-from hotice.task.perturbations import SENSED, SOURCES, without
 
 from hotice.errors import UnknownName
 from hotice.model.dynamics import DynamicsConfig
 from hotice.sim import TaskConfig
-from hotice.sim.sensing import SensingConfig
+from hotice.task.perturbations import SENSED, SOURCES, without
+from hotice.task.sensing import SensingConfig
 
 
 def test_every_field_of_sensing_belongs_to_one_source():

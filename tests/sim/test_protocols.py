@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import mujoco
 import pytest
-from hotice.evaluate.conditions import Conditions, start_trials
-from hotice.evaluate.run import EvaluateConfig
-from hotice.task.protocols import PROTOCOLS, get_protocol
 
 from hotice.errors import UnknownName
+from hotice.evaluate.conditions import Conditions, start_trials
+from hotice.evaluate.run import EvaluateConfig
 from hotice.model import load_scene
 from hotice.model.dynamics import TRAINING_PALMS, DynamicsConfig, student_dynamics
 from hotice.sim import TaskConfig
+from hotice.task.protocols import PROTOCOLS, get_protocol
 
 COARSE = TaskConfig(physics_dt_s=0.01, substeps=2)
 

@@ -9,8 +9,8 @@ from hotice.errors import InvalidConfig
 from hotice.model.dynamics import DynamicsConfig
 from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
-from hotice.sim.sensing import STUDENT_SENSING, SensingConfig
 from hotice.sim.snapshot import FEET, POINTS
+from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 
 def noisy(make_env, num_envs=64, **sensing):

@@ -10,7 +10,7 @@ from gymnasium.wrappers.vector import ClipReward, RecordEpisodeStatistics
 
 from hotice.errors import InvalidConfig
 from hotice.sim import HoticeVectorEnv
-from hotice.sim.sensing import STUDENT_SENSING
+from hotice.task.sensing import STUDENT_SENSING
 
 
 @pytest.fixture

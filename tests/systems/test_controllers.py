@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hotice.systems.record.rollout import wires
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import CarryInfeasible, PickInfeasible
 from hotice.model import Box
 from hotice.systems import StationConfig, make_station, read_logs
+from hotice.systems.record.picture import wires
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("hotice.control.pickup")

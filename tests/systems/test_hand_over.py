@@ -19,10 +19,12 @@ from hotice.systems.hand_over.mode_selector import CARRY, HOLD, WALK, HandOver, 
 from hotice.systems.hand_over.rehearsal import Rehearsal
 from hotice.systems.hand_over.stage import VERDICTS
 from hotice.systems.hand_over.walk_rehearsal import WalkRehearsal
+from hotice.systems.logs import SignalLog
 from hotice.systems.record.hand_over import HandOverReport, report_hand_over
-from hotice.systems.record.rollout import SignalLog, wires
+from hotice.systems.record.picture import wires
 from hotice.systems.setup.departure import SECTOR_RAD, plan_departure
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
+from hotice.systems.setup.setup import StationSetup
 from hotice.systems.setup.table import SUPPORT, around_table, beside_start, table_of, with_table
 
 OPEN = Scene("open")
@@ -81,7 +83,7 @@ def ready():
 def test_a_rehearsal_knows_fit_from_unfit(ready):
     """From its own carry state the policy goes on; thrown over, or with the object out of reach, it does not."""
     station, state = ready
-    once = Rehearsal(station, RehearsalConfig(horizon_s=2.0, push_m_s=(0.0,)))
+    once = Rehearsal(station.setup, RehearsalConfig(horizon_s=2.0, push_m_s=(0.0,)))
     before = state.copy()
     assert VERDICTS[once(state)] == "fit" and VERDICTS[once(state)] == "fit"
     np.testing.assert_array_equal(state, before)
@@ -89,14 +91,14 @@ def test_a_rehearsal_knows_fit_from_unfit(ready):
     thrown[43:46] += [0.0, 4.0, 0.0]
     lost[36] += 0.5
     assert VERDICTS[once(thrown)] == "fall" and VERDICTS[once(lost)] == "drop"
-    pushed = Rehearsal(station, RehearsalConfig(horizon_s=2.0, push_m_s=(0.0, 4.0)))
+    pushed = Rehearsal(station.setup, RehearsalConfig(horizon_s=2.0, push_m_s=(0.0, 4.0)))
     assert VERDICTS[pushed(state)] in ("fall", "drop")  # the second try counts too
 
 
 def test_a_rehearsal_of_the_walk(ready):
     """From standing with the object it is fit; thrown over, with the object out of reach, or walled in, it is not."""
     station, state = ready
-    walk = WalkRehearsal(station, RehearsalConfig(horizon_s=1.5, push_m_s=(0.0,)))
+    walk = WalkRehearsal(station.setup, RehearsalConfig(horizon_s=1.5, push_m_s=(0.0,)))
     before = state.copy()
     assert VERDICTS[walk(state)] == "fit" and VERDICTS[walk(state)] == "fit"
     np.testing.assert_array_equal(state, before)
@@ -104,10 +106,10 @@ def test_a_rehearsal_of_the_walk(ready):
     thrown[43:46] += [0.0, 4.0, 0.0]
     lost[36] += 0.5
     assert VERDICTS[walk(thrown)] == "fall" and VERDICTS[walk(lost)] == "drop"
-    pushed = WalkRehearsal(station, RehearsalConfig(horizon_s=1.5, push_m_s=(0.0, 4.0)))
+    pushed = WalkRehearsal(station.setup, RehearsalConfig(horizon_s=1.5, push_m_s=(0.0, 4.0)))
     assert VERDICTS[pushed(state)] in ("fall", "drop")
     moat = Obstacle("moat", "ground", BoxShape((1.2, 2.0, 0.1)), (1.1, 0.0, 0.05))
-    cut_off = make_station(StationConfig(scene=Scene("moat", obstacles=(moat,)), physics_dt_s=0.005, servo="pd"))
+    cut_off = StationSetup.decide(StationConfig(scene=Scene("moat", obstacles=(moat,)), physics_dt_s=0.005, servo="pd"))
     away[[0, 36]] -= 0.1
     assert VERDICTS[WalkRehearsal(cut_off)(away)] == "no_way"
 
@@ -117,10 +119,10 @@ def test_a_rehearsal_of_the_walk_sees_obstacles_and_motors(ready):
     here = state.copy()
     post = Obstacle("post", "side", BoxShape((0.1, 0.1, 1.4)), (0.25, 0.0, 0.7))
     scene = Scene("post", bounds_m=((-1.0, -1.5, 0.0), (2.5, 1.5, 1.5)), obstacles=(post,), start=(-0.6, 0.0, 0.0))
-    blocked = make_station(StationConfig(scene=scene, physics_dt_s=0.005, servo="pd"))
+    blocked = StationSetup.decide(StationConfig(scene=scene, physics_dt_s=0.005, servo="pd"))
     verdict = WalkRehearsal(blocked, RehearsalConfig(horizon_s=0.2, push_m_s=(0.0,)))(here)
     assert VERDICTS[verdict] in ("object_collision", "robot_collision")
-    weak = WalkRehearsal(station, RehearsalConfig(horizon_s=1.0, push_m_s=(0.0,)))
+    weak = WalkRehearsal(station.setup, RehearsalConfig(horizon_s=1.0, push_m_s=(0.0,)))
     weak.stage.model.actuator_forcerange[:] *= 0.3
     assert VERDICTS[weak(state)] in ("fall", "drop")
 
@@ -129,7 +131,7 @@ def test_a_rehearsal_sees_obstacles(ready):
     station, state = ready
     wall = Obstacle("post", "side", BoxShape((0.1, 0.1, 1.4)), (0.1, 0.1, 0.7))
     scene = Scene("post", obstacles=(wall,), start=(-0.4, 0.0, 0.0))
-    blocked = make_station(StationConfig(scene=scene, physics_dt_s=0.005, servo="pd"))
+    blocked = StationSetup.decide(StationConfig(scene=scene, physics_dt_s=0.005, servo="pd"))
     here = state.copy()
     here[[0, 36]] -= 0.1  # the post is in the box
     verdict = Rehearsal(blocked, RehearsalConfig(horizon_s=0.2, push_m_s=(0.0,)))(here)
@@ -144,8 +146,8 @@ def test_a_rehearsal_senses_as_the_station_does(ready):
     station, state = ready
     model = PerceptModel(station.carry.carried)
     true, keypoints = model(state[:43], state[43:]), model.keypoints_at(state[:43])
-    assert Sensing(station, 0)(true, keypoints) is true
-    noisy = make_station(StationConfig.from_dict({"sensing": "student"}))
+    assert Sensing(station.setup, 0)(true, keypoints) is true
+    noisy = StationSetup.decide(StationConfig.from_dict({"sensing": "student"}))
     a, b, again = (Sensing(noisy, number)(true, keypoints) for number in (0, 1, 0))
     np.testing.assert_array_equal(a.vector, again.vector)
     half = noisy.config.sensing

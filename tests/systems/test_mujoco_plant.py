@@ -1,12 +1,12 @@
 import mujoco
 import numpy as np
 import pytest
-from hotice.systems.station.plants import to_motors
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import InvalidStation, SimulationError
 from hotice.model import builder
 from hotice.systems.mujoco_plant import STATE, MujocoPlant
+from hotice.systems.setup.robot import to_motors
 from hotice.systems.signals import TOUCHING_BODIES
 
 

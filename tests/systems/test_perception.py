@@ -6,19 +6,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from hotice.policy.guidance import read_fields
-from hotice.policy.observation import LAYOUT, Carrying, layout_of, observe, remember
-from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import CheckpointError
 from hotice.fields.bank import FieldBank
 from hotice.policy import Percept, PerceptModel, PolicyTask, open_policy
+from hotice.policy.guidance import read_fields
+from hotice.policy.observation import LAYOUT, Carrying, layout_of, observe, remember
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.systems.guidance_field import GuidanceFieldSystem
 from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PolicySystem, next_action
 from hotice.systems.sensor_model import DRAWS, ESTIMATE, SensorModel, draw_delays, measure
+from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig
 
 NOISY = SensingConfig(joint_pos_rad=0.03, object_pos_m=0.05, root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0)
 

@@ -1,10 +1,9 @@
 import copy
-from types import SimpleNamespace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
-from hotice.systems.station.plants import carry_servo, station_model
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
@@ -90,15 +89,14 @@ def test_the_robot_is_drawn(perturbed):
     for name, values in vars(plain).items():
         np.testing.assert_array_equal(getattr(JointServo.of_model(nominal.robot), name), values)
     torques = make_station(StationConfig(dynamics=DynamicsConfig(motor_strength=0.1)), controller="pickup")
-    strength = station_model(torques).actuator_gainprm[:, 0]
+    strength = torques.setup.model().actuator_gainprm[:, 0]
     assert 0.9 < strength.min() < strength.max() < 1.1 and strength.std() > 0.01
 
 
 def test_encoders_that_err_are_read_so(carry, robot_state, run):
     from hotice.policy.percept import Percept, PerceptModel
-    from hotice.task.sensing import SensingConfig
-
     from hotice.systems.sensor_model import SensorModel
+    from hotice.task.sensing import SensingConfig
 
     offset = np.linspace(-0.01, 0.01, 20)
     true = Percept(run(SensorModel(carry.carried, SensingConfig(), 0.02), "percept", robot_state=robot_state))
@@ -159,11 +157,11 @@ def test_whichever_servo_holds_the_joints_the_drawn_robot_is_felt(carry, run, mo
         plant.GetInputPort("actuation").FixValue(context, target)
         monkeypatch.setattr(plant, "_steps", 1)
         plant.EvalUniquePeriodicDiscreteUpdate(context)
-        by_plant = at_once(station_model(made["pd"]), qpos, qvel, plant._data.ctrl)
+        by_plant = at_once(made["pd"].setup.model(), qpos, qvel, plant._data.ctrl)
         np.testing.assert_allclose(by_plant.actuator_force, own.actuator_force, atol=1e-9)
-        torques = station_model(SimpleNamespace(robot=robot, motors=True, torques=True))
+        torques = replace(made["motor"].setup, motors=True, torques=True).model()
         joint_state = np.append(qpos[7:27], qvel[6:26])
-        command = run(JointPd(carry_servo(made["motor"])), "torque", joint_target=target, joint_state=joint_state)
+        command = run(JointPd(made["motor"].setup.servo()), "torque", joint_target=target, joint_state=joint_state)
         np.testing.assert_array_less(
             np.abs(command), JointServo.of_g1().limit * (1 + 1e-9), "commands know no strength"
         )

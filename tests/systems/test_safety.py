@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from hotice.systems.hand_over.mode_selector import HandOver, ModeSelector, blend
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import InvalidConfig
+from hotice.systems.hand_over.mode_selector import HandOver, ModeSelector, blend
 from hotice.systems.safety_monitor import Fault, SafePosture, SafetyLimits, SafetyMonitor, find_fault, safe_torque
 from hotice.systems.signals import JOINT_POS, JOINT_VEL
 

@@ -4,6 +4,7 @@ import sys
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat
+from pydrake.multibody.plant import CalcContactFrictionFromSurfaceProperties
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
@@ -23,7 +24,8 @@ from hotice.replay import RolloutRecord
 from hotice.systems import StationConfig, make_station, read_logs, write_diagram, write_html
 from hotice.systems.compose import build, connect
 from hotice.systems.joint_pd import JointPd
-from hotice.systems.record.rollout import judge, to_record, wires
+from hotice.systems.record.picture import wires
+from hotice.systems.record.rollout import judge, to_record
 from hotice.systems.safety_monitor import SafePosture, SafetyLimits, SafetyMonitor
 from hotice.systems.signals import CONTACT_FORCE, GUIDANCE, PERCEPT, ROBOT_STATE
 from hotice.systems.visualizer import Visualizer
@@ -122,6 +124,30 @@ def test_the_policy_walks_in_drake():
     assert states[-1, 0] > 0.4 and states[:, 2].min() > 0.65 and states[-1, 38] > 0.6
 
 
+def test_friction_in_drake_is_that_of_mujoco():
+    """What two bodies feel: Drake's mean of both frictions, MuJoCo's by priority, else the larger of both."""
+    station = make_station(StationConfig(scene="beam"), plant="drake", controller="hold")
+    inspector = station.GetSubsystemByName("plant").scene_graph.model_inspector()
+    model = make_station(StationConfig(scene="beam"), controller="hold").GetSubsystemByName("plant").model
+    geoms = {model.geom(i).name: model.geom(i) for i in range(model.ngeom)}
+
+    def felt(a, b):
+        first, second = sorted((geoms[a], geoms[b]), key=lambda g: g.priority[0], reverse=True)
+        same = first.priority == second.priority
+        return float(max(first.friction[0], second.friction[0]) if same else first.friction[0])
+
+    seen = set()
+    for pair in inspector.GetCollisionCandidates():
+        names = [inspector.GetName(g).split("::")[-1].removesuffix("_in_hands") for g in pair]
+        if not all(n in geoms for n in names):
+            continue
+        one, other = (inspector.GetProximityProperties(g).GetProperty("material", "coulomb_friction") for g in pair)
+        mean = CalcContactFrictionFromSurfaceProperties(one, other).static_friction()
+        assert mean == pytest.approx(felt(*names), abs=1e-6), names
+        seen.add(mean.__round__(3))
+    assert seen >= {2.0, 1.0, 0.8}
+
+
 def test_drake_stops_at_obstacles():
     """Collision rules of the plant: soles and floor, palms and object; obstacles and everything."""
     station = make_station(StationConfig(scene="beam"), plant="drake", controller="hold")
@@ -133,8 +159,10 @@ def test_drake_stops_at_obstacles():
     robot = robot_spec(20).compile()
     meeting = {robot.geom(i).name for i in range(robot.ngeom) if robot.geom_conaffinity[i] & FLOOR}
     assert floor - {n for n in floor if "_palm_" in n} == {"object"} | meeting and "left_sole_0" in meeting
-    held = {a if b == "object" else b for a, b in names if "object" in (a, b)}
-    assert "left_palm_0" in held and "torso_link_0" in held and "left_sole_0" not in held
+    held = {a if b == "object_in_hands" else b for a, b in names if "object_in_hands" in (a, b)}
+    assert held == {f"{side}_palm_{i}" for side in ("left", "right") for i in range(4)}
+    met = {a if b == "object" else b for a, b in names if "object" in (a, b)}
+    assert "torso_link_0" in met and "left_sole_0" not in met and not met & held
     assert ("beam", "torso_link_0") in names and ("beam", "object") in names
     across = [n for n in names if n[0].startswith("left_") and n[1].startswith("right_")]
     assert set(across) == {

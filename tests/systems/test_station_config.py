@@ -1,10 +1,10 @@
 import pytest
-from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 from hotice.errors import InvalidConfig
 from hotice.model import Box, Cylinder
 from hotice.systems import StationConfig
 from hotice.systems.safety_monitor import SafetyLimits
+from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 WHOLE = """
 scene: beam

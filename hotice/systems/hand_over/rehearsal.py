@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -18,14 +17,11 @@ from hotice.systems.joint_pd import pd_torque
 from hotice.systems.policy import next_action
 from hotice.systems.sensor_model import DRAWS, ESTIMATE, measure
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
+from hotice.systems.setup.setup import StationSetup
 from hotice.systems.signals import NQ
 from hotice.systems.state_adaptor import robot_state_of_mujoco
-from hotice.systems.station.plants import carry_servo
 from hotice.task import history
 from hotice.task.sensing import TRACK_TILT
-
-if TYPE_CHECKING:
-    from hotice.systems.station.make import Station
 
 Array = NDArray[np.float64]
 
@@ -33,12 +29,12 @@ Array = NDArray[np.float64]
 class Sensing:
     """Noise of the station's sensors with random numbers of its own, and its encoders; delays are left out."""
 
-    def __init__(self, station: Station, number: int) -> None:
-        self._config, self._dt_s = station.config.sensing, station.task.control_dt_s
-        self._aligned = station.carry.carried.keypoints_world_aligned
-        self._rng = np.random.default_rng([station.config.seed, number])
+    def __init__(self, setup: StationSetup, number: int) -> None:
+        self._config, self._dt_s = setup.config.sensing, setup.task.control_dt_s
+        self._aligned = setup.carry.carried.keypoints_world_aligned
+        self._rng = np.random.default_rng([setup.config.seed, number])
         self._estimate, self._count = np.zeros(ESTIMATE), 0
-        self._offset = carry_servo(station).offset
+        self._offset = setup.servo().offset
 
     def __call__(self, true: Percept, keypoints: Callable[[Array], Array]) -> Percept:
         """The next measurement; `keypoints`: see `measure`."""
@@ -72,23 +68,23 @@ class Rehearsal:
     Called with a robot state (84,); returns an index into `VERDICTS`, the first failure among the tries.
     """
 
-    def __init__(self, station: Station, config: RehearsalConfig | None = None) -> None:
+    def __init__(self, setup: StationSetup, config: RehearsalConfig | None = None) -> None:
         self.config = config or RehearsalConfig()
-        self._station, self._task, self._pf = station, station.task, station.pf
-        self._stage = RehearsalStage(station)
-        self._substeps = round(station.task.control_dt_s / station.physics_dt_s)
-        self._percept_of = PerceptModel(station.carry.carried)
-        self._servo = carry_servo(station)
+        self._setup, self._task, self._pf = setup, setup.task, setup.pf
+        self._stage = RehearsalStage(setup)
+        self._substeps = round(setup.task.control_dt_s / setup.physics_dt_s)
+        self._percept_of = PerceptModel(setup.carry.carried)
+        self._servo = setup.servo()
 
     def __call__(self, state: Array) -> int:
         for number, push in enumerate(self.config.push_m_s):
-            verdict = self._try(state, push, Sensing(self._station, number))
+            verdict = self._try(state, push, Sensing(self._setup, number))
             if verdict:
                 return verdict
         return 0
 
     def _try(self, state: Array, push_m_s: float, sensing: Sensing) -> int:
-        carry, task, model = self._station.carry, self._task, self._stage.model
+        carry, task, model = self._setup.carry, self._task, self._stage.model
         data = mujoco.MjData(model)
         q, qd, servo = data.qpos[7:27], data.qvel[6:26], self._servo
         data.qpos[:], data.qvel[:] = self._stage.start(state, push_m_s)
@@ -100,7 +96,7 @@ class Rehearsal:
             reading = read_fields(self._pf, percept, task)
             observation = observe(percept, reading, carrying, action, phase, task.scan, past)
             past = remember(past, observation)
-            raw = self._station.policy.run(observation[None])[0].astype(float)
+            raw = self._setup.policy.run(observation[None])[0].astype(float)
             action = next_action(raw, task.action_limit)
             phase = (phase + 2.0 * math.pi * task.gait_hz * task.control_dt_s) % (2.0 * math.pi)
             target = carry.joint_target + task.action_scale * action - servo.offset

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from hotice.model import builder, g1
+from hotice.systems.setup.setup import StationSetup
 from hotice.systems.signals import JOINT_POS, JOINT_VEL, NQ
-
-if TYPE_CHECKING:
-    from hotice.systems.station.make import Station
 
 Array = NDArray[np.float64]
 VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diverged", "no_way")
@@ -24,13 +21,11 @@ FALLEN_M, UPRIGHT, LOST_M = 0.5, 0.7, 0.15
 class RehearsalStage:
     """The station's model, apart from its plant. `model`: its joints have motors."""
 
-    def __init__(self, station: Station) -> None:
-        from hotice.systems.station.plants import station_model
-
-        self.model = station_model(station)
+    def __init__(self, setup: StationSetup) -> None:
+        self.model = setup.model()
         self._hands = [self.model.site(name).id for name in ("left_hand", "right_hand")]
         self._pelvis = self.model.body(g1.ROOT_BODY).id
-        self._hits = bool(station.world.obstacles)
+        self._hits = bool(setup.world.obstacles)
 
     def start(self, state: Array, push_m_s: float) -> tuple[Array, Array]:
         """Configuration (34,) and velocity (32,) of a robot state (84,), its root pushed to the left."""

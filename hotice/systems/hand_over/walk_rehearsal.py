@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hotice.systems.hand_over.stage import VERDICTS, RehearsalStage
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
-
-if TYPE_CHECKING:
-    from hotice.systems.station.make import Station
+from hotice.systems.setup.setup import StationSetup
 
 Array = NDArray[np.float64]
 
@@ -25,21 +22,21 @@ class WalkRehearsal:
     model.
     """
 
-    def __init__(self, station: Station, config: RehearsalConfig | None = None) -> None:
+    def __init__(self, setup: StationSetup, config: RehearsalConfig | None = None) -> None:
         self.config = config or RehearsalConfig()
-        self._station, self.stage = station, RehearsalStage(station)
+        self._setup, self.stage = setup, RehearsalStage(setup)
 
     def __call__(self, state: Array) -> int:
         from hotice.control.plant import TorquePlant
         from hotice.control.walk.later import WalkLater
 
         plant = TorquePlant(copy.copy(self.stage.model))
-        walk = WalkLater(self._station.pf, self._station.carry)
+        walk = WalkLater(self._setup.pf, self._setup.carry)
         plant.reset(*self.stage.start(state, 0.0))
         memory = walk.start(plant.measure())
         if memory.controller is None:
             return VERDICTS.index("no_way")
-        substeps = max(1, round(1.0 / walk.rate_hz / self._station.physics_dt_s))
+        substeps = max(1, round(1.0 / walk.rate_hz / self._setup.physics_dt_s))
         for push in self.config.push_m_s:
             plant.reset(*self.stage.start(state, push))
             now = memory

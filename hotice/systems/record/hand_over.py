@@ -15,7 +15,7 @@ from hotice.errors import NotAvailable
 from hotice.model import builder
 from hotice.systems.hand_over.mode_selector import MODES
 from hotice.systems.hand_over.stage import VERDICTS
-from hotice.systems.record.rollout import SignalLog
+from hotice.systems.logs import SignalLog
 from hotice.systems.signals import NQ, OBJECT_POS
 
 if TYPE_CHECKING:

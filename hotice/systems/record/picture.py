@@ -1,18 +1,21 @@
-"""A picture of a diagram: systems as boxes in columns by distance from the plant, connections as labelled arrows."""
+"""Pictures of a station: what a Meshcat shows, as a page; its diagram, as a drawing.
+
+Systems are boxes in columns by distance from the plant, connections labelled arrows.
+"""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from pydrake.systems.framework import Diagram
+from pydrake.systems.primitives import VectorLogSink
 
 from hotice.errors import OutputError
-from hotice.files import write_bytes
-
-if TYPE_CHECKING:
-    from hotice.systems.station.make import Station
+from hotice.files import write_bytes, write_text
 
 FORMATS = (".png", ".svg", ".pdf")
 BOX = (1.5, 0.5)
@@ -22,14 +25,40 @@ AHEAD, BACK = 0.28, 0.22
 """How far wires bend that pass over systems, and those that lead back, per length."""
 
 
-def draw_diagram(station: Station, path: Path) -> Path:
+def write_html(meshcat: Any, path: str | Path) -> Path:
+    """Writes what a Meshcat shows, its recording included, as one page that needs no server. Raises `OutputError`."""
+    return write_text(path, meshcat.StaticHtml())
+
+
+def write_diagram(station: Diagram, path: str | Path) -> Path:
+    """Draws the station's systems and connections: .dot text for Graphviz, or a .png, .svg or .pdf picture.
+
+    Raises `OutputError`.
+    """
+    path = Path(path)
+    if path.suffix == ".dot":
+        return write_text(path, station.GetGraphvizString(max_depth=1))
+    return draw_diagram(station, path)
+
+
+def wires(station: Diagram) -> list[tuple[str, str, str, str]]:
+    """Connections as (system, output port, system, input port), loggers left out."""
+    found = []
+    connections: Mapping[Any, Any] = station.connection_map()
+    for (target, into), (source, out) in connections.items():
+        if isinstance(target, VectorLogSink):
+            continue
+        ports = source.get_output_port(int(out)).get_name(), target.get_input_port(int(into)).get_name()
+        found.append((source.get_name(), ports[0], target.get_name(), ports[1]))
+    return found
+
+
+def draw_diagram(station: Diagram, path: Path) -> Path:
     """Writes the picture. Raises `OutputError` for another format or a path that cannot be written."""
     if path.suffix not in FORMATS:
         raise OutputError(f"cannot write {path}: a diagram is drawn as {', '.join(FORMATS)} or written as .dot")
     from matplotlib.figure import Figure
     from matplotlib.patches import FancyBboxPatch
-
-    from hotice.systems.record.rollout import wires
 
     edges = wires(station)
     place = _layout([system.get_name() for system in station.GetSystems()], edges)

@@ -11,8 +11,9 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from hotice.replay import RolloutRecord
+from hotice.systems.logs import read_logs
 from hotice.systems.record.hand_over import HandOverReport, report_hand_over
-from hotice.systems.record.rollout import read_logs, to_record
+from hotice.systems.record.rollout import to_record
 from hotice.systems.signals import OBJECT_POS
 from hotice.systems.station.make import Station
 

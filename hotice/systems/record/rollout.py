@@ -1,64 +1,27 @@
-"""What happened in a station: logs of every signal, a rollout record, pages and pictures to look at."""
+"""What happened in a station, as a rollout record, and how it ended."""
 
 # pydrake's stubs type arrays as numpy does not:
 # pyright: reportArgumentType=false
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, DiagramBuilder, PortDataType
-from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+from pydrake.systems.framework import Context
 
-from hotice.errors import NotAvailable
-from hotice.files import write_text
 from hotice.model import builder as models
 from hotice.policy.guidance import FieldReading
 from hotice.policy.percept import NUM_SGF, Percept
 from hotice.replay import RolloutRecord
+from hotice.systems.logs import SignalLog, read_logs
 from hotice.systems.signals import NQ
 
 if TYPE_CHECKING:
     from hotice.systems.station.make import Station
 
 Array = NDArray[np.float64]
-PREFIX = "log/"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SignalLog:
-    """One signal: time_s (T,) [s], value (T, n); units and frames are those of the port."""
-
-    time_s: Array
-    value: Array
-
-
-def add_loggers(builder: DiagramBuilder, period_s: float) -> None:
-    """Logs every vector output of the systems that are there, under `log/<system>.<port>`."""
-    for system in builder.GetSystems():
-        for i in range(system.num_output_ports()):
-            port = system.get_output_port(i)
-            if port.get_data_type() == PortDataType.kVectorValued and port.size():
-                sink = LogVectorOutput(port, builder, period_s)
-                sink.set_name(f"{PREFIX}{system.get_name()}.{port.get_name()}")
-
-
-def read_logs(station: Station, context: Context) -> dict[str, SignalLog]:
-    """Every logged signal, by `<system>.<port>`. Raises `NotAvailable` for a station that does not log."""
-    logs = {}
-    for system in station.GetSystems():
-        if isinstance(system, VectorLogSink):
-            log = system.FindLog(context)
-            name = system.get_name().removeprefix(PREFIX)
-            logs[name] = SignalLog(time_s=log.sample_times().copy(), value=log.data().T.copy())
-    if not logs:
-        raise NotAvailable("this station does not log: make it from a configuration with log_hz, 50 say")
-    return logs
 
 
 def to_record(
@@ -127,33 +90,3 @@ def judge(station: Station, qpos: Array) -> str:
         if np.linalg.norm(row[:2] - station.scene.goal) < 0.1:
             return "success"
     return "timeout"
-
-
-def write_html(meshcat: Any, path: str | Path) -> Path:
-    """Writes what a Meshcat shows, its recording included, as one page that needs no server. Raises `OutputError`."""
-    return write_text(path, meshcat.StaticHtml())
-
-
-def write_diagram(station: Station, path: str | Path) -> Path:
-    """Draws the station's systems and connections: .dot text for Graphviz, or a .png, .svg or .pdf picture.
-
-    Raises `OutputError`.
-    """
-    path = Path(path)
-    if path.suffix == ".dot":
-        return write_text(path, station.GetGraphvizString(max_depth=1))
-    from hotice.systems.record.picture import draw_diagram
-
-    return draw_diagram(station, path)
-
-
-def wires(station: Station) -> list[tuple[str, str, str, str]]:
-    """Connections as (system, output port, system, input port), loggers left out."""
-    found = []
-    connections: Mapping[Any, Any] = station.connection_map()
-    for (target, into), (source, out) in connections.items():
-        if isinstance(target, VectorLogSink):
-            continue
-        ports = source.get_output_port(int(out)).get_name(), target.get_input_port(int(into)).get_name()
-        found.append((source.get_name(), ports[0], target.get_name(), ports[1]))
-    return found

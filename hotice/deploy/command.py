@@ -1,0 +1,127 @@
+"""The only command a link sends: finite, inside the robot's limits of position, torque and gain, and not to be changed.
+
+It bounds what a message may hold. What the motors then make of it, tau + kp (q − q_measured) + kd (dq − dq_measured),
+depends on the measured state: `motor_torques` says how much, and the guard is to hold it to the limits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hotice.deploy.messages.checks import seal
+from hotice.deploy.messages.hg import JOINTS, LOW_CMD, PITCH_ROLL
+from hotice.errors import HoticeError
+from hotice.model import g1
+from hotice.model.joint_limits import position_limits, torque_limits
+
+DAMPING_KD = 8.0
+"""Largest kd beside the trained ones [N m s/rad]: damping of a falling robot (docs/deploy.md)."""
+LARGEST_SPEED = 20.0
+"""Largest commanded joint speed [rad/s]; a measured one above it counts as a fall."""
+FIELDS = ("q", "dq", "tau", "kp", "kd")
+
+
+class UnsafeCommand(HoticeError):
+    """A command with a number that is not finite or outside the robot's limits; names the joint, the value, the range."""
+
+
+class Limits(NamedTuple):
+    """Bounds of a command, each (29,), in the order of `g1.ALL_JOINTS`, rounded to what a message can hold (float32)."""
+
+    lower: np.ndarray
+    """[rad]"""
+    upper: np.ndarray
+    """[rad]"""
+    torque: np.ndarray
+    """[N m], of tau + kd dq, which is what a message asks of a motor that stands at its target"""
+    kp: np.ndarray
+    """The trained stiffness [N m/rad]; less is allowed."""
+    kd: np.ndarray
+    """The trained damping or `DAMPING_KD`, whichever is larger [N m s/rad]; less is allowed."""
+
+
+def _limits() -> Limits:
+    kp, kd = g1.gains(g1.ALL_JOINTS)
+    rows = (*position_limits(), torque_limits(), kp, np.maximum(kd, DAMPING_KD))
+    return Limits(*(row.astype(np.float32) for row in rows))
+
+
+LIMITS = _limits()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CheckedCommand:
+    """Targets, torques and gains of the 29 joints, each (29,) float32 and read-only. Raises `UnsafeCommand`."""
+
+    q: np.ndarray
+    """Target positions [rad]."""
+    dq: np.ndarray
+    """Target speeds [rad/s]."""
+    tau: np.ndarray
+    """Torques added to the servo's [N m]."""
+    kp: np.ndarray
+    """Stiffness [N m/rad]."""
+    kd: np.ndarray
+    """Damping [N m s/rad]."""
+    enabled: np.ndarray
+    """Which motors are on, (29,) bool."""
+
+    def __post_init__(self) -> None:
+        for name in FIELDS:
+            object.__setattr__(self, name, _frozen(name, getattr(self, name), np.float32))
+        object.__setattr__(self, "enabled", _frozen("enabled", self.enabled, np.bool_))
+        for name in FIELDS:
+            _within(name, getattr(self, name), -np.inf, np.inf)
+        _within("q", self.q, LIMITS.lower, LIMITS.upper)
+        _within("dq", self.dq, -LARGEST_SPEED, LARGEST_SPEED)
+        _within("kp", self.kp, 0.0, LIMITS.kp)
+        _within("kd", self.kd, 0.0, LIMITS.kd)
+        _within("tau", self.tau, -LIMITS.torque, LIMITS.torque)
+        _within("tau + kd dq", self.tau + self.kd * self.dq, -LIMITS.torque, LIMITS.torque)
+
+    def motor_torques(self, q: ArrayLike, dq: ArrayLike) -> np.ndarray:
+        """What the motors make of it at measured positions [rad] and speeds [rad/s], (29,) [N m]; 0 where off."""
+        torque = self.tau + self.kp * (self.q - np.asarray(q)) + self.kd * (self.dq - np.asarray(dq))
+        return np.where(self.enabled, torque, 0.0)
+
+    def record(self, mode_machine: int) -> np.ndarray:
+        """As a LowCmd () for the machine that the robot says it is; ankles and waist by pitch and roll."""
+        command = LOW_CMD.zeros()
+        command["mode_pr"], command["mode_machine"] = PITCH_ROLL, mode_machine
+        motors = command["motor_cmd"]
+        motors["mode"][JOINTS] = self.enabled
+        for name in FIELDS:
+            motors[name][JOINTS] = getattr(self, name)
+        return command
+
+    def message(self, mode_machine: int) -> bytes:
+        """As bytes on the wire, checksum in place."""
+        return seal(LOW_CMD, self.record(mode_machine))
+
+
+def _frozen(name: str, values: ArrayLike, dtype: type) -> np.ndarray:
+    # a view of bytes: no flag makes it writable again
+    array = np.asarray(values)
+    if array.shape != (len(g1.ALL_JOINTS),):
+        raise UnsafeCommand(
+            f"{name} of a command has shape {array.shape}: ({len(g1.ALL_JOINTS)},) is needed, one a joint"
+        )
+    if dtype is np.bool_ and array.dtype != np.bool_:
+        raise UnsafeCommand(f"{name} of a command is of {array.dtype}: bool is needed")
+    if dtype is not np.bool_ and array.dtype.kind not in "fiu":
+        raise UnsafeCommand(f"{name} of a command is of {array.dtype}: real numbers are needed")
+    with np.errstate(over="ignore"):
+        return np.frombuffer(array.astype(dtype).tobytes(), dtype)
+
+
+def _within(name: str, values: np.ndarray, low: ArrayLike, high: ArrayLike) -> None:
+    good = np.isfinite(values) & (values >= low) & (values <= high)
+    if not good.all():
+        i = int(np.argmin(good))
+        low_i, high_i = (float(np.broadcast_to(bound, values.shape)[i]) for bound in (low, high))
+        allowed = "finite numbers are" if np.isinf(high_i) else f"{low_i:.4g} to {high_i:.4g} is"
+        raise UnsafeCommand(f"{g1.ALL_JOINTS[i]}: {name} = {values[i]:.6g} in a command: {allowed} allowed")
