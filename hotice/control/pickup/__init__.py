@@ -13,6 +13,7 @@ from hotice.lazy import lazy_face
 if TYPE_CHECKING:
     from hotice.control.pickup.config import PickupConfig
     from hotice.control.pickup.controller import Pickup
+    from hotice.control.pickup.end_state import carry_at_end
     from hotice.control.pickup.footwork import Departure
     from hotice.control.pickup.memory import PickupMemory
     from hotice.control.pickup.phases import PHASES
@@ -20,4 +21,4 @@ if TYPE_CHECKING:
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
-__all__ = ["Departure", "PHASES", "Pickup", "PickupConfig", "PickupMemory", "Stance"]
+__all__ = ["Departure", "PHASES", "Pickup", "PickupConfig", "PickupMemory", "Stance", "carry_at_end"]
