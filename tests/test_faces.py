@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import hotice
+from tools.reference import MODULES, faces
 
 PACKAGE = Path(hotice.__file__).parent
 ROOT = PACKAGE.parent
@@ -21,13 +22,8 @@ MOST = 17
 """Most names of a face, but for the family of errors."""
 
 
-PACKAGES = [
-    ".".join(file.relative_to(ROOT).parent.parts)
-    for file in sorted(PACKAGE.rglob("__init__.py"))
-    if "__all__" in file.read_text(encoding="utf-8")
-]
-MODULES = ["hotice.errors", "hotice.model.builder", "hotice.model.frames", "hotice.model.g1"]
-FACES = PACKAGES + MODULES
+FACES = faces()
+PACKAGES = [name for name in FACES if name not in MODULES]
 ON_DRAKE = "hotice.systems"
 
 

@@ -24,6 +24,7 @@ MODULES = ("hotice.errors", "hotice.model.builder", "hotice.model.frames", "hoti
 """Public modules that are no packages."""
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs/**/*.md", "hotice/**/*.md", "notebooks/*.ipynb")
 FOLDERS = "hotice|tests|docs|tools|benchmarks|notebooks"
+# names in backticks, single or double; paths may end in a slash
 NAME = re.compile(r"`+(hotice(?:\.\w+)+)(?:\(\))?`+")
 PATH = re.compile(rf"`+((?:{FOLDERS})/[\w./-]*\w)/?`+")
 
@@ -43,7 +44,11 @@ def texts() -> Iterator[tuple[str, str]]:
     for folder in ("hotice", "tests", "tools", "benchmarks"):
         for file in sorted((ROOT / folder).rglob("*.py")):
             for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+                if (
+                    isinstance(node, ast.Expr)
+                    and isinstance(node.value, ast.Constant)
+                    and isinstance(node.value.value, str)
+                ):
                     yield f"{file.relative_to(ROOT)}:{node.lineno}", node.value.value
     for pattern in DOCUMENTS:
         for file in sorted(ROOT.glob(pattern)):
@@ -65,8 +70,7 @@ def exists(name: str) -> bool:
                     return False
                 value = getattr(value, part)
             return True
-    # a folder of data
-    return ROOT.joinpath(*parts).is_dir()
+    return False
 
 
 def lost() -> list[str]:
@@ -97,15 +101,16 @@ def write(out: Path) -> None:
 
 
 def main() -> int:
-    """Status 1 where names lead nowhere."""
+    """Exit status: 1 where a name leads nowhere."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of the pages")
     out = parser.parse_args().out
     missing = lost()
-    print("\n".join(missing), file=sys.stderr)
+    for line in missing:
+        print(line, file=sys.stderr)
     write(out)
-    print(f"{out / 'index.html'}: {len(faces())} pages")
-    return bool(missing)
+    print(f"{out / 'index.html'}: {len(faces())} faces")
+    return 1 if missing else 0
 
 
 if __name__ == "__main__":
