@@ -57,12 +57,7 @@ EXEMPT = {
 }
 """Modules that are nothing without their heavy package, and are imported inside functions only."""
 
-KNOWN_CIRCLES: list[set[str]] = [
-    {"hotice.model.geometry.meshes", "hotice.model.geometry.shapes"},
-    {f"hotice.evaluate.{name}" for name in ("carriers", "processes", "report", "run", "walk_trials")},
-    {f"hotice.commands.pipeline.{name}" for name in ("cluster", "file", "jobs", "run")}
-    | {f"hotice.commands.{name}" for name in ("play", "play_station", "table")},
-]
+KNOWN_CIRCLES: list[set[str]] = [{"hotice.model.geometry.meshes", "hotice.model.geometry.shapes"}]
 """Circles that are still there; the list must shrink."""
 KNOWN_ARROWS: set[tuple[str, str]] = set()
 """Arrows that still point right; the list must shrink."""

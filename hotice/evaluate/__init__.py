@@ -6,10 +6,11 @@ from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
     from hotice.evaluate.conditions import Conditions
+    from hotice.evaluate.config import EvaluateConfig
     from hotice.evaluate.record import record_rollouts
     from hotice.evaluate.referees import REFEREES, Verdict
     from hotice.evaluate.report import make_report, print_report
-    from hotice.evaluate.run import EvaluateConfig, evaluate, score_block
+    from hotice.evaluate.run import evaluate
     from hotice.evaluate.spread import spread_ratio, success_table
     from hotice.evaluate.trials import Trials, read_trials, success_interval
     from hotice.evaluate.walk_trials import run_trial
@@ -28,7 +29,6 @@ __all__ = [
     "read_trials",
     "record_rollouts",
     "run_trial",
-    "score_block",
     "spread_ratio",
     "success_interval",
     "success_table",

@@ -15,7 +15,7 @@ if find_spec("pydrake") is None:
 if TYPE_CHECKING:
     from hotice.systems.logs import SignalLog, read_logs
     from hotice.systems.record.hand_over import HandOverReport, report_hand_over
-    from hotice.systems.record.picture import write_diagram, write_html
+    from hotice.systems.record.picture import write_diagram, write_station_page
     from hotice.systems.record.play import play_station
     from hotice.systems.record.rollout import to_record
     from hotice.systems.safety_monitor import Fault, SafetyLimits, SafetyMonitor
@@ -40,5 +40,5 @@ __all__ = [
     "report_hand_over",
     "to_record",
     "write_diagram",
-    "write_html",
+    "write_station_page",
 ]

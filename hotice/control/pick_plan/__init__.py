@@ -9,9 +9,8 @@ from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
     from hotice.control.pick_plan.grip import Grip, ready_joints
-    from hotice.control.pick_plan.plan import Durations, PickPlan
+    from hotice.control.pick_plan.plan import Durations, PickPlan, Support
     from hotice.control.pick_plan.planner import Planner
-    from hotice.control.pick_plan.support import Support
     from hotice.control.pick_plan.task import frames_at
 else:
     __getattr__, __dir__ = lazy_face(__name__)
