@@ -1,7 +1,7 @@
 """One formula for NumPy and torch: what lets a function take the arrays of one robot and the tensors of a batch.
 
-Such a function uses operators, methods that both kinds have (`clip`, `mean`, `sum`, axes by position) and, for the rest,
-the names of the Array API standard from `namespace`: `concat`, `stack`, `atan2`, `tanh`, `linalg.vector_norm`.
+Such a function uses operators, methods that both kinds have (`clip`, `mean`, `sum`, axes by position) and, for the
+rest, the names of the Array API standard from `namespace`: `concat`, `stack`, `atan2`, `tanh`, `linalg.vector_norm`.
 """
 
 from __future__ import annotations

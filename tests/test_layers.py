@@ -111,7 +111,7 @@ def graph() -> dict[str, set[str]]:
 
 
 def home(full: str) -> str:
-    """Module in which a name of ours lives: `hotice.fields.FieldBank` of a lazy face comes from `hotice.fields.bank`."""
+    """Module where a name of ours lives: `hotice.fields.FieldBank` of a lazy face comes from `hotice.fields.bank`."""
     while full not in modules():
         module, _, name = full.rpartition(".")
         origin = module

@@ -51,9 +51,9 @@ class PlayConfig:
     """Shipped policy by name, .onnx file, checkpoint folder or run; for other controllers than `policy` a name or .onnx
     file."""
     controller: Literal["policy", "walk", "pickup", "pickup_then_policy"] = "policy"
-    """Who carries: the policy from a carry state; the walking baseline; the pick-up from a table alone, or followed by
-    the policy, for which the walking baseline steps in where the policy's rehearsal fails, and no one where the walk's
-    does too. All but `policy` need Drake."""
+    """Who carries. `policy`: the policy from a carry state; `walk`: the walking baseline; `pickup`: the pick-up from a
+    table, alone; `pickup_then_policy`: then hands over to the policy; if the policy fails its rehearsal the walking
+    baseline takes over; if that fails too, the pick-up keeps holding. All but `policy` need Drake."""
     scenes: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--scene"])] = ("open_floor",)
     """Scene names, files or folders."""
     seconds: float = 10.0
@@ -91,7 +91,8 @@ class PlayConfig:
             raise InvalidConfig(f"video_of is {self.video_of!r}: nothing is filmed, give the film's file as video")
         if self.protocol is not None and self.controller != "policy":
             raise InvalidConfig(
-                f"protocol is {self.protocol!r} and controller {self.controller!r}, which has its own physics: leave it out"
+                f"protocol is {self.protocol!r} and controller {self.controller!r}, which has its own physics: "
+                "leave it out"
             )
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")

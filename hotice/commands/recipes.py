@@ -1,4 +1,4 @@
-"""What the paper's tables are made from, and the options of making them: recipes, budgets, `hotice reproduce`."""
+"""Recipes of the paper's tables, and the options of making them: budgets, `hotice reproduce`."""
 
 from __future__ import annotations
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from hotice.commands.help_text import unbroken_help
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable
 from hotice.model.importers.house_scenes import Front3dConfig
@@ -197,7 +198,8 @@ COMMANDS = {
 
 def main(argv: Sequence[str]) -> int:
     """Runs `hotice scene`; the caller reports a `HoticeError`."""
-    return tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="hotice scene", description=__doc__) or 0
+    with unbroken_help():
+        return tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="hotice scene", description=__doc__) or 0
 
 
 def _resolve(items: Sequence[str]) -> list[Scene]:

@@ -21,8 +21,8 @@ class EvaluateConfig:
     """One evaluation."""
 
     policy: str | None = None
-    """Shipped policy by name, .onnx file, checkpoint folder or run; needed with, and only with, `policy` as the
-    controller."""
+    """Shipped policy by name, .onnx file, checkpoint folder or run; required for --controller policy, refused
+    otherwise."""
     controller: Literal["policy", "walk"] = "policy"
     """Who carries: a policy, or the model-based walking baseline, which reads the exact state (needs --no-perturbed,
     and the packages of the extra `drake`)."""
@@ -46,8 +46,8 @@ class EvaluateConfig:
     perturbed: bool = True
     """Noise, delays, pushes and uncertain dynamics of the protocol."""
     without: tuple[str, ...] = ()
-    """Of these, what is switched off, to see what it costs: sensor-noise, object-noise, delay, root-rate, pushes,
-    dynamics."""
+    """Sources of perturbation to switch off, to see what they cost: sensor-noise, object-noise, delay, root-rate,
+    pushes, dynamics."""
     shapes: tuple[str, ...] = ("box",)
     """Shapes of the carried objects."""
     size_m: tuple[float, float] = (0.20, 0.40)
@@ -105,6 +105,6 @@ class EvaluateConfig:
             )
         if self.controller == "walk" and self.perturbed:
             raise InvalidConfig(
-                "perturbed is True: the walking baseline reads the exact state, it is not evaluated under noise, delays and "
-                "pushes: give --no-perturbed, also to the policies that it is compared with"
+                "perturbed is True: the walking baseline reads the exact state, it is not evaluated under noise, "
+                "delays and pushes: give --no-perturbed, also to the policies that it is compared with"
             )

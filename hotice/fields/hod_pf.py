@@ -82,9 +82,7 @@ class GuidanceField:
         return self._query(p_W)[2]
 
     def query(self, p_W: ArrayOrTensor) -> tuple[ArrayOrTensor, ArrayOrTensor, ArrayOrTensor]:
-        """F, signed distance and extended geodesic distance at once, as `sample`, `signed_distance` and the last
-        give.
-        """
+        """F, signed distance and extended geodesic distance at once, equal to what the three methods return."""
         return self._query(p_W)
 
     def _query(self, p_W: ArrayOrTensor) -> tuple[ArrayOrTensor, ArrayOrTensor, ArrayOrTensor]:

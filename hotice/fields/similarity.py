@@ -1,4 +1,4 @@
-"""How similar scenes are in their clutter (IV, unseen scenes): mean cosine between their fields.
+"""Similarity of scenes in their clutter (IV, unseen scenes): mean cosine between their fields.
 
 Both SGFs and OGFs are compared at the nodes of one grid of the given resolution over the box that the two scenes'
 bounds share. The similarity of a scene to a training set is the largest over the set.

@@ -31,14 +31,14 @@ def _check_range(name: str, value: Any) -> None:
         and 0 < value[0] <= value[1] <= MOST_FRICTION  # also false for NaN
     ):
         raise InvalidConfig(
-            f"{name} is {value!r}: None, or a lowest and a highest value above 0 and at most {MOST_FRICTION:g}, are needed"
+            f"{name} is {value!r}: None, or a lowest and a highest value above 0 and at most {MOST_FRICTION:g}, "
+            "are needed"
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicsConfig:
-    """Uniform spread of parameters: a share around the nominal value, or a range in the unit named. Zero or None:
-    nominal.
+    """Uniform spread of parameters: share around the nominal value or range in the unit named; 0 or None: nominal.
 
     What is drawn is what forces, weights and contacts are made of: `tests/sim/test_dynamics_felt.py`,
     `test_friction.py`. Frictions are what contacts feel: the geom of higher priority decides alone
@@ -105,14 +105,14 @@ ROBOT_DYNAMICS = DynamicsConfig(
     object_friction=(0.64, 0.96),
     payload=0.1,
 )
-"""Of the protocol `robot`, for physics that does not creep: rubber palms on cardboard or plastic, shoes on any
+"""Dynamics of the protocol `robot`, for physics that does not creep: rubber palms on cardboard or plastic, shoes on any
 floor."""
 
 ROBOT_NOMINAL = DynamicsConfig(sole_friction=(0.85, 0.85), palm_friction=(0.9, 0.9))
 """The middle of `ROBOT_DYNAMICS`."""
 
 PAPER_DYNAMICS = replace(ROBOT_DYNAMICS, torso_com_m=0.05, sole_friction=(0.8, 1.2), palm_friction=(2.0, 2.0))
-"""Of the protocol `paper`: palms as in the first author's public fork."""
+"""Dynamics of the protocol `paper`: palms as in the first author's public fork."""
 
 TRAINING_PALMS = {0.005: (1.7, 2.4), 0.010: (2.3, 3.0)}
 """By physics step [s], the friction with which pyramids creep as much as elliptic cones at 2 ms do with 0.6 and
@@ -130,7 +130,7 @@ STUDENT_DYNAMICS = student_dynamics(0.005)
 """What students are trained under in the default physics step."""
 
 LEAST_PUSH = 0.1
-"""Of the largest push: the least (CAT: 0.1 of 1.0 m/s)."""
+"""Least push, as a share of the largest (CAT: 0.1 of 1.0 m/s)."""
 
 
 def perturb(model: mujoco.MjModel, config: DynamicsConfig, rng: np.random.Generator) -> mujoco.MjModel:

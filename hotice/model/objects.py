@@ -106,9 +106,7 @@ class Cylinder(_Carried):
         self._check("radius_m", "length_m")
 
     def keypoints(self) -> NDArray[np.float64]:
-        """Four evenly spaced points of each rim (at ± 45 and ± 135 degrees), signs ordered as `OCTANTS`, (8, 3) in O
-        [m].
-        """
+        """Four points of each rim (at ± 45 and ± 135 degrees), signs ordered as `OCTANTS`, (8, 3) in O [m]."""
         return OCTANTS * np.array([self.radius_m / math.sqrt(2.0), self.radius_m / math.sqrt(2.0), 0.5 * self.length_m])
 
     @property

@@ -233,9 +233,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 
 def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
-    """Scenes by name, set, file or folder (every .json in it, sorted). Raises as `load_scene`, also for an empty
-    folder.
-    """
+    """Scenes by name, set, file or folder (its .json files, sorted). Raises as `load_scene`, also for empty folders."""
     scenes: list[Scene] = []
     for item in items:
         names = shipped_sets().get(str(item))

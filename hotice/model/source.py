@@ -1,4 +1,4 @@
-"""Where a scene comes from: the map file, and the transform by which a pose in that map becomes one in the scene.
+"""Source of a scene: the map file, and the transform by which a pose in that map becomes one in the scene.
 
 A robot that localizes itself in the map (a pose in the map's own frame and unit) needs it to know where it is in the
 scene.
@@ -31,7 +31,7 @@ class MapSource:
     file: str
     """Name of the map's file, without its folder."""
     sha256: str
-    """Of the file's bytes, 64 lower-case hexadecimal digits: which map the transform is for."""
+    """Digest of the file's bytes, 64 lower-case hexadecimal digits: tells which map the transform is for."""
     unit_m: float
     """Metres per unit of the file."""
     position_m: tuple[float, float, float]

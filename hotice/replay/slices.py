@@ -126,9 +126,7 @@ def draw_descent(axes: Axes, pf: HodPf, field: str, starts_W: NDArray[np.float64
 def descend(
     guide: GuidanceField, starts_W: NDArray[np.float64], *, step_m: float = 0.01, length_m: float = 4.0
 ) -> NDArray[np.float64]:
-    """Follows F / |F| from points (n, 3) in W [m], midpoint rule -> (steps + 1, n, 3); stops within 5 cm of the
-    goal.
-    """
+    """Paths along F / |F| from points (n, 3) in W [m] to 5 cm from the goal, midpoint rule -> (steps + 1, n, 3)."""
 
     def direction(p_W: NDArray[np.float64]) -> NDArray[np.float64]:
         force = guide.sample(p_W)

@@ -254,9 +254,7 @@ class TransportEnv:
         )
 
     def _act(self, action: Tensor) -> None:
-        """Actions become servo targets around the carry state; the clock advances, and what was read becomes the
-        past.
-        """
+        """Turns actions into servo targets around the carry state, advances the clock and records what was read."""
         m = self.memory
         if self.config.history:
             m.past = torch.cat([self.read[:, self.frame], m.past[:, : -history.FRAME]], dim=1)
@@ -297,9 +295,7 @@ class TransportEnv:
         return rows
 
     def _contain(self, place: Tensor) -> Tensor:
-        """Finds diverged simulations, (N,) bool; until they are restarted they stand at their last `place` (N, 2)
-        [m].
-        """
+        """Diverged simulations, (N,) bool; until their restart they are held at their last `place` (N, 2) [m]."""
         p = self.physics
         bad = ~(torch.isfinite(p.qpos).all(dim=1) & torch.isfinite(p.qvel).all(dim=1))
         bad |= (p.qvel.abs() > 1e3).any(dim=1) | (p.qpos[:, :3].abs() > 1e3).any(dim=1)
@@ -329,9 +325,7 @@ class TransportEnv:
         return outcome
 
     def _stayed(self, s: Snapshot) -> Tensor:
-        """Which of those at the goal have stood there long enough, (N,) bool: drawn, so that nothing has to be
-        remembered.
-        """
+        """Mask (N,) of robots that have stood at the goal long enough: drawn, so that nothing is remembered."""
         chance = self.config.control_dt_s / self.config.goal_stay_s
         leaves = torch.rand(self.num_envs, generator=self.generator, device=self.device) < chance
         return leaves & (s.goal_distance < self.config.goal_radius_m)

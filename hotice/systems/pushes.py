@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, LeafSystem, State
 
 from hotice.errors import InvalidStation
-from hotice.model.dynamics import LEAST_PUSH
+from hotice.task.pushes import push_velocity
 
 Array = NDArray[np.float64]
 PUSH = 3
@@ -24,11 +24,10 @@ def draw_push(size_m_s: float, chance: float, seed: int, count: int) -> Array:
 
     With probability `chance`; of a tenth of `size_m_s` to all of it.
 
-    The one-robot twin of `hotice.sim.events.push`, from random numbers that `seed` and `count` alone determine.
+    As `hotice.sim.events.push` in training, from random numbers that `seed` and `count` alone determine.
     """
-    hit, angle, size = np.random.Generator(np.random.Philox(key=seed, counter=[1, 0, 0, count + 1])).random(3)
-    size = size_m_s * (LEAST_PUSH + (1.0 - LEAST_PUSH) * size) * (hit < chance)
-    return size * np.array([np.cos(2.0 * np.pi * angle), np.sin(2.0 * np.pi * angle)])
+    draws = np.random.Generator(np.random.Philox(key=seed, counter=[1, 0, 0, count + 1])).random(3)
+    return push_velocity(*draws, size_m_s, chance)
 
 
 class Pushes(LeafSystem):

@@ -1,4 +1,4 @@
-"""What the robot's sensors and estimators make of the true state: noise, delay, a root pose refreshed now and then.
+"""Sensor model: noise, delay and a root pose refreshed now and then between the true state and the robot.
 
 The one-robot twin of `hotice.sim.sensing.Sensors`, with the state of its random numbers in the Context.
 """
@@ -153,7 +153,7 @@ def draw_delays(config: SensingConfig, control_dt_s: float, substeps: int, seed:
     """
     rng = np.random.Generator(np.random.Philox(key=seed))
     late = bool(rng.random() < 0.5) if config.sensor_delay_steps else False
-    longest = min(substeps, round(config.action_delay_s * substeps / control_dt_s))
+    longest = config.longest_delay(control_dt_s, substeps)
     return late, int(rng.integers(0, longest + 1)) * control_dt_s / substeps
 
 
@@ -188,8 +188,8 @@ class SensorModel(LeafSystem):
         self._exact = config.exact and not self._offset.any()
         self._true = PerceptModel(carried)
         self._world_aligned = carried.keypoints_world_aligned
-        self._hold = max(1, round(1.0 / (config.root_hz * control_dt_s))) if config.root_hz else 1
-        self._gain = min(1.0, control_dt_s / config.object_filter_s) if config.object_filter_s else 1.0
+        self._hold = config.hold_steps(control_dt_s)
+        self._gain = config.object_gain(control_dt_s)
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         if self._exact:
             self.DeclareVectorOutputPort("percept", PERCEPT, self._output, {self._state.ticket()})

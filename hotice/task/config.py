@@ -91,7 +91,7 @@ class TaskConfig:
     gait_hz: float = 1.4
     """Step clock (CAT: 1.3 to 1.5)."""
     swing_height_m: float = 0.10
-    """Wished height of a swinging sole at its peak (ours; CAT 0.07)."""
+    """Target height of a swinging sole at its peak (ours; CAT 0.07)."""
     resolution_m: float = 0.04
     """Grid of the fields (CAT)."""
     margin_m: float = 0.08
@@ -187,9 +187,7 @@ class TaskConfig:
         return round(self.episode_s / self.control_dt_s)
 
     def perturbed(self) -> TaskConfig:
-        """The task under noise, delay, pushes and uncertain dynamics, as students are trained; for evaluation see
-        `protocols`.
-        """
+        """The task under noise, delay, pushes, uncertain dynamics, as for students; for evaluation see `protocols`."""
         return replace(
             self, sensing=STUDENT_SENSING, dynamics=student_dynamics(self.physics_dt_s), push_m_s=STUDENT_PUSH_M_S
         )

@@ -1,4 +1,4 @@
-"""How well the robot knows its own state and the object's: noise, delays and refresh rate of its sensors, in numbers.
+"""Sensing of the robot's own state and the object's: noise, delays and refresh rate of its sensors, in numbers.
 
 `hotice.sim.sensing` applies them to a batch, `hotice.systems.sensor_model` to one robot in a diagram.
 """
@@ -56,6 +56,18 @@ class SensingConfig:
     def exact(self) -> bool:
         """Whether the actor reads the truth."""
         return not any(vars(self).values())
+
+    def hold_steps(self, control_dt_s: float) -> int:
+        """Control steps from one refresh of the root to the next."""
+        return max(1, round(1.0 / (self.root_hz * control_dt_s))) if self.root_hz else 1
+
+    def object_gain(self, control_dt_s: float) -> float:
+        """Weight of the newest pose of the object in its filter, 1 without one; larger in the first steps."""
+        return min(1.0, control_dt_s / self.object_filter_s) if self.object_filter_s else 1.0
+
+    def longest_delay(self, control_dt_s: float, substeps: int) -> int:
+        """Physics steps, `substeps` a control step, that an action takes to the motors at most."""
+        return min(substeps, round(self.action_delay_s * substeps / control_dt_s))
 
 
 TRACK_PLACE, TRACK_VELOCITY, TRACK_HEADING = 0.7, 0.5, 0.5

@@ -58,7 +58,10 @@ GOOD = {
 }
 TETRA = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
 PCD = b"VERSION 0.7\nFIELDS x y z i\nSIZE 4 4 4 1\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA "
-PLY = b"\nelement vertex 2\nproperty float x\nproperty double y\nproperty float z\nproperty list uchar int k\nend_header\n"
+PLY = (
+    b"\nelement vertex 2\nproperty float x\nproperty double y\nproperty float z\n"
+    b"property list uchar int k\nend_header\n"
+)
 
 numbers = st.one_of(
     st.floats(),

@@ -231,9 +231,7 @@ def _mapping(where: str, value: Any, known: set[str] | None = None, needed: tupl
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain values only: no aliases, which can make a small file huge, and no key twice, which YAML would drop
-    silently.
-    """
+    """Loader of plain values: no aliases (a small file could become huge), no key twice (YAML drops one silently)."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):

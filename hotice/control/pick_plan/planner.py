@@ -1,6 +1,4 @@
-"""Plans picks of one object from one support: first guesses, keyframes, paths; what was planned before comes from the
-cache.
-"""
+"""Planner of picks of one object from one support: first guesses, keyframes, paths; known plans come from the cache."""
 
 from __future__ import annotations
 
@@ -81,9 +79,7 @@ class Planner:
         return plan
 
     def fits(self, plan: PickPlan, q_start: Array, p_GO: Array, quat_GO: Array) -> bool:
-        """Whether a plan made before serves here too: feet and object within `SAME_M` and `SAME_RAD` of where they
-        were.
-        """
+        """True if an earlier plan serves here: feet and object moved by at most `SAME_M` and `SAME_RAD`."""
         now = PickTask.of(self.grip, self.terms, q_start, p_GO, quat_GO)
         feet = frames_at(self.terms, plan.to_crouch[0], FEET)
         turned = [np.linalg.norm(a - b) / np.sqrt(2.0) for a, b in zip(feet.R, now.feet.R, strict=True)]

@@ -35,7 +35,7 @@ class PickupConfig:
     """A hand that holds less for `lost_s` has lost the object."""
     lost_s: float = 0.2
     risen_share: float = 0.5
-    """Of the planned rise: less at the end of the lift is a missed grasp."""
+    """Share of the planned rise; less at the end of the lift is a missed grasp."""
     attempts: int = 3
     """Grasps before giving up."""
 
@@ -47,7 +47,7 @@ class PickupConfig:
 
     @property
     def durations(self) -> Durations:
-        """Of the parts that are planned."""
+        """Durations of the parts that are planned."""
         return Durations(
             crouch_s=self.crouch_s,
             reach_s=self.reach_s,

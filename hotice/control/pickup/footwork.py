@@ -70,9 +70,7 @@ class Swing:
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """Where the body is: shift (2,) of its centre of mass since the start [m], acceleration (2,), turn [rad] since
-    then.
-    """
+    """Motion of the body since the start: shift (2,) of its centre of mass [m], acceleration (2,), turn [rad]."""
 
     shift: Array
     acceleration: Array

@@ -1,4 +1,4 @@
-"""Where the robot stands when a pick-up begins: the frame G in which it is planned and done."""
+"""Stance at the start of a pick-up: the frame G in which it is planned and done."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Stance:
 
     @classmethod
     def of(cls, terms: Terms, q: Array) -> Stance:
-        """Of a standing configuration (27,) in W; `terms` serve as scratch."""
+        """Stance of a standing configuration (27,) in W; `terms` serve as scratch."""
         terms.q[:], terms.v[:] = q, 0.0
         terms.refresh()
         ahead = terms.R_WF[FEET, :2, 0].sum(axis=0)

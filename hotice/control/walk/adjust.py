@@ -1,5 +1,4 @@
-"""Step adjustment: where and when the swing foot lands, and how far the zero-moment point leaves the middle of the
-sole.
+"""Step adjustment: place and time of the next landing, and the zero-moment point's distance from the sole's middle.
 
 With the zero-moment point at r + delta, r the middle of the stance foot, the DCM at the landing in time T is
 
@@ -96,6 +95,7 @@ class StepAdjuster:
             shift_s: by how much the landing may come earlier and later [s]. slack_m: by how much it may be moved back,
                 ahead and away from the stance foot [m]. freeze: keep foothold and time.
         """
+        # All in the frame of the stance foot, in which reach and the sole are boxes.
         c, s = np.cos(stance_yaw), np.sin(stance_yaw)
         R = np.array([[c, -s], [s, c]])
         xi, p, b = R.T @ (dcm - stance), R.T @ (foothold - stance), R.T @ offset
@@ -113,6 +113,7 @@ class StepAdjuster:
         else:
             low[1] = max(low[1], p[1] - slack_m[2])
         low, high = np.minimum(low, p), np.maximum(high, p)  # the plan itself is always allowed
+        # Time enters as the ratio of exponentials, in which the problem is linear.
         t_low, t_high = np.exp(omega * shift_s[0]), np.exp(omega * shift_s[1])
         if freeze:
             low, high, t_low, t_high = p, p, 1.0, 1.0
@@ -127,6 +128,7 @@ class StepAdjuster:
             stance + R @ x[:2],
             R @ (offset_of @ x),
             stance + R @ np.clip(x[2:4], -reach, reach),
+            # From the ratio of exponentials back to a time.
             float(np.log(max(x[4], 1e-6) * tau) / omega),
             solved,
         )
@@ -163,6 +165,7 @@ class StepAdjuster:
             self._solver.update(q=g, Px=entries, l=lower, u=upper)
         result = self._solver.solve(raise_error=False)
         if result.info.status != "solved" or not np.isfinite(result.x).all():
+            # What a failed solve leaves in its work space is unknown: the next one starts from a new one.
             self._solver = None
             return otherwise, False
         return np.clip(unit * np.asarray(result.x), unit * lower, unit * upper), True

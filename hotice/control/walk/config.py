@@ -10,7 +10,7 @@ from hotice.errors import InvalidConfig
 
 @dataclass(frozen=True, kw_only=True)
 class TaskWeights:
-    """Of the tasks of the whole-body QP, each of squared accelerations."""
+    """Weights of the tasks of the whole-body QP, each of squared accelerations."""
 
     com: float = 500.0
     pelvis_height: float = 60.0
@@ -73,9 +73,9 @@ class WalkConfig:
     freeze_s: float = 0.08
     """Before the landing, foothold and time stay as they are for this long."""
     hurry_s: float = 0.12
-    """By how much step adjustment may land earlier."""
+    """Most by which step adjustment may advance a landing."""
     wait_s: float = 0.12
-    """By how much it may land later."""
+    """Most by which it may delay one."""
     touch_n: float = 40.0
     """Force on a swing foot that counts as its landing [N]."""
     height_speed_m_s: float = 0.20
@@ -83,7 +83,7 @@ class WalkConfig:
     lean_speed_rad_s: float = 0.8
     """Fastest change of the lean."""
     weights: TaskWeights = TaskWeights()
-    """Of the whole-body QP."""
+    """Weights of the whole-body QP's tasks."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -1,4 +1,4 @@
-"""What may happen to messages on their way, drawn at random from a seed: lost, late, doubled, damaged, frozen."""
+"""Faults of messages on their way, drawn at random from a seed: lost, late, doubled, damaged, frozen."""
 
 from __future__ import annotations
 

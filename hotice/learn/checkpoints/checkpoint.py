@@ -70,8 +70,8 @@ def resolve(path: Path) -> Path:
         return path
     if path.suffix == ".onnx" or (str(path) in shipped_policies() and not path.is_dir()):
         raise CheckpointError(
-            f"{path}: is an exported policy, actors without critics and optimiser: the checkpoint that it was exported from, "
-            "or its run, is needed"
+            f"{path}: is an exported policy, actors without critics and optimiser: the checkpoint that it was exported "
+            "from, or its run, is needed"
         )
     found = list_checkpoints(path) if path.is_dir() else []
     if not found:

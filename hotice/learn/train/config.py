@@ -37,7 +37,7 @@ class PpoConfig:
     max_learning_rate: float = 3e-3
     """Upper limit of the learning rate (ours)."""
     target_kl: float = 0.03
-    """Wished KL divergence of a minibatch from the rollout policy (ours; FALCON 0.01)."""
+    """Target KL divergence of a minibatch from the rollout policy (ours; FALCON 0.01)."""
     entropy: float = 0.0005
     """Weight of the entropy bonus (ours; CAT 0.01)."""
     value_weight: float = 1.0
@@ -125,9 +125,7 @@ class TrainConfig:
     init_std: tuple[float, float] = (0.6, 0.3)
     """First standard deviation of leg and arm actions."""
     average: float = 0.98
-    """What is evaluated and exported is a running average of the weights: share of it that an update keeps, in the end
-    (ours);
-    0: the newest weights."""
+    """Decay of the moving average of the weights, which is evaluated and exported (ours); 0: no averaging."""
     ppo: PpoConfig = field(default_factory=PpoConfig)
     """Optimiser."""
     perturbed: bool = False
@@ -195,6 +193,6 @@ def _check_students(task: TaskConfig) -> None:
     for name in ("sensing", "dynamics", "push_m_s"):
         if getattr(task, name) not in (getattr(exact, name), getattr(student, name)):
             raise InvalidConfig(
-                f"{name} is given by hand, and perturbed takes the students' numbers in its place: give --no-perturbed, and "
-                "every source of perturbation by hand"
+                f"{name} is set explicitly, but --perturbed replaces it by the students' values: use --no-perturbed "
+                "and set every source of perturbation yourself"
             )

@@ -1,4 +1,4 @@
-"""Whether a person-sized robot gets through a scene with what it carries: a search over places, headings and postures.
+"""Passage of a person-sized robot with its load through a scene: a search over places, headings and postures.
 
 Places lie on a grid through the start (4 cm), with 16 headings and the postures of `envelope`. A state is free when the
 envelope keeps `MARGIN_M` away from every obstacle, by the scene's exact distance interpolated between grid nodes. Moves
@@ -125,9 +125,7 @@ def _grid(scene: Scene, resolution: float, far: float) -> BodyGrid:
 def _sampled_distance(
     scene: Scene, origin: NDArray[np.float64], nodes: NDArray[np.integer], resolution: float, far: float
 ) -> NDArray[np.float32]:
-    """Exact signed distance at grid nodes, cut at `far`; in each block of nodes, of the obstacles that may be
-    nearest.
-    """
+    """Exact signed distance at grid nodes, cut at `far`; each block of nodes asks the obstacles that may be nearest."""
     blocks = -(-nodes // BLOCK)
     step = np.stack(np.meshgrid(*3 * [resolution * np.arange(BLOCK)], indexing="ij"), axis=-1).reshape(-1, 3)
     corner = origin + resolution * BLOCK * np.stack(np.unravel_index(np.arange(blocks.prod()), blocks), axis=-1)

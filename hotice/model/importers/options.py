@@ -1,4 +1,4 @@
-"""What a user says about a map that becomes a scene."""
+"""Options of a map that becomes a scene, as a user gives them."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ class ImportOptions:
             raise InvalidConfig(f"start is {self.start!r}: X Y or X Y YAW is needed")
         if self.frame == "floor" and max(map(abs, (*self.start[:2], *self.goal))) > FAR_M:
             raise InvalidConfig(
-                f"start {self.start!r} or goal {self.goal!r} is more than {FAR_M:g} m from the origin: give them as the map "
-                "has them and add --frame map, by which the scene has its origin at the start"
+                f"start {self.start!r} or goal {self.goal!r} is more than {FAR_M:g} m from the origin: give them as "
+                "the map has them and add --frame map, by which the scene has its origin at the start"
             )
         if not 0.01 <= self.voxel_m <= 0.2:
             raise InvalidConfig(f"voxel_m is {self.voxel_m!r}: 0.01 to 0.2 m are allowed")

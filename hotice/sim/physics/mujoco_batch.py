@@ -29,9 +29,7 @@ def _view(array: np.ndarray) -> Tensor:
 
 @contextlib.contextmanager
 def unlogged() -> Iterator[None]:
-    """MuJoCo's warnings are neither printed nor written to MUJOCO_LOG.TXT: the task finds and counts diverged
-    states.
-    """
+    """Silences MuJoCo's warnings, also MUJOCO_LOG.TXT: the task finds and counts diverged states itself."""
     before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
     quiet.logto_file = quiet.logto_console = False
     quiet.set()

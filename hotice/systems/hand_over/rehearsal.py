@@ -62,8 +62,7 @@ class Sensing:
 
 
 class Rehearsal:
-    """Runs the station's policy in a model of robot, object, table and scene, under noise as that of the station's
-    sensors.
+    """Trial of the policy in a model of robot, object, table and scene, with noise like that of the sensors.
 
     Called with a robot state (84,); returns an index into `VERDICTS`, the first failure among the tries.
     """

@@ -68,20 +68,20 @@ class StationConfig:
     push_interval_s: float = 7.5
     """Mean time between pushes (the evaluation's)."""
     seed: int = 0
-    """Of the sensors' noise and delays, of dynamics and pushes."""
+    """Seed of the sensors' noise and delays, of dynamics and pushes."""
     elliptic: bool = False
     """Elliptic friction cones, solved to convergence (MuJoCo plant)."""
     safety: SafetyLimits = field(default_factory=SafetyLimits)
-    """When commands no longer pass."""
+    """Limits beyond which commands no longer pass."""
     support_height_m: float = 0.6
     """Top of the table from which the object is picked up."""
     rehearsal: RehearsalConfig = field(default_factory=RehearsalConfig)
-    """How the policy is tried before it takes over from a pick-up, and, where it fails, the walking baseline; where
-    both do, the pick-up holds on."""
+    """Rehearsal of the policy before it takes over from a pick-up; if it fails, of the walking baseline; if both fail,
+    the pick-up holds on."""
     support_near_m: float = 0.25
-    """From between the feet to the table's near edge."""
+    """Distance from between the feet to the table's near edge."""
     pick_bearing_rad: float = np.pi / 2
-    """From the scene's heading at the start to the table, left positive. Ahead (0) it stands in the way to the goal."""
+    """Direction of the table from the scene's heading at the start, left positive; ahead (0) it is in the way."""
     log_hz: float = 0.0
     """Rate at which every signal is logged; 0: not at all."""
     meshcat_hz: float = 30.0

@@ -1,4 +1,4 @@
-"""How a policy, or the walking baseline in its place, is tried before it takes over."""
+"""Rehearsal of a policy, or of the walking baseline in its place, before it takes over: how it is tried."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def test_an_episode_has_a_step():
 def test_perturbations_by_hand_are_not_dropped(task):
     assert TrainConfig(task=task).task == task
     for make in (lambda: TrainConfig(task=task, perturbed=True), lambda: FinetuneConfig(task=task, init="x")):
-        with pytest.raises(InvalidConfig, match="give --no-perturbed"):
+        with pytest.raises(InvalidConfig, match="use --no-perturbed"):
             make()
     assert TrainConfig(task=TaskConfig().perturbed(), perturbed=True).perturbed
 
