@@ -1,7 +1,7 @@
 """Shipped policies, and what is needed to run one without PyTorch: its file, its observation, its constants.
 
 Between `hotice.fields` and everything that acts: diagrams and the robot read policies from here, and so does
-`hotice.learn`, which writes them. `tests/policies` hold the observation equal to the batched environment's.
+`hotice.learn`, which writes them. `tests/policy` holds the observation equal to the batched environment's.
 """
 
 from typing import TYPE_CHECKING
