@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hotice.errors import HoticeError
 from hotice.files import write_bytes
-from hotice.model import CarriedObject, Scene, object_from_dict
 from hotice.model.geometry.shapes import MeshShape
+from hotice.model.objects import CarriedObject, object_from_dict
+from hotice.model.scene import Scene
 from hotice.replay.solids import SOLIDS
 from hotice.task.rules import OUTCOMES
 
