@@ -20,8 +20,8 @@ from rich.table import Table
 from hotice.control.plant import TorquePlant
 from hotice.control.walk import WalkConfig
 from hotice.errors import HoticeError
+from hotice.evaluate.config import PAPER_S
 from hotice.evaluate.referees import GOAL_M
-from hotice.evaluate.report import PAPER_S
 from hotice.evaluate.trials import Trials, success_interval
 from hotice.evaluate.walk_trials import Trial, run_trial
 from hotice.fields import build_hod_pf

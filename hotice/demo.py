@@ -40,8 +40,9 @@ def run(config: DemoConfig) -> None:
     import numpy as np
     from rich.console import Console
 
+    from hotice.evaluate.config import EvaluateConfig
     from hotice.evaluate.record import record_rollouts
-    from hotice.evaluate.run import EvaluateConfig, evaluate
+    from hotice.evaluate.run import evaluate
     from hotice.fields import build_hod_pf
     from hotice.files import make_folder
     from hotice.learn.policy import load_policy

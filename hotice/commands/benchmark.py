@@ -6,79 +6,19 @@ import json
 import resource
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import torch
 
+from hotice.commands.configs import BENCHMARK_BLOCK, BenchmarkConfig
 from hotice.commands.stopwatch import Stopwatch
-from hotice.errors import InvalidConfig
 from hotice.files import check_writable, write_text
-from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.runner import Runner
 from hotice.sim.physics.ram import check_memory
-from hotice.task.config import TaskConfig
 from hotice.version import source_version
 
 FORMAT = "hotice-benchmark/1"
 SHARES = ("physics", "fields", "rewards and observations", "acting", "learning", "other")
-BLOCK = 10
-"""Control steps that environment and bare physics are timed for in turn."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class BenchmarkConfig:
-    """One benchmark."""
-
-    num_envs: tuple[int, ...] = (1024,)
-    """Parallel environments, one measurement each; on a GPU for example 1024 2048 4096 8192 16384."""
-    updates: int = 2
-    """Updates of training that are timed, after one that is not."""
-    steps: int = 50
-    """Control steps that are timed, in blocks of ten that alternate between environment and bare physics."""
-    threads: int = 2
-    """Threads of physics, fields and torch."""
-    scenes: tuple[str, ...] = ("pipe", "gap", "pillars", "table_edge", "beam")
-    """Scenes."""
-    preset: str = "dual_hodpf"
-    """Row of Table I."""
-    physics: str = "mujoco"
-    """Physics backend: "mujoco" on the CPU, "warp" on an NVIDIA GPU (or, slowly, the CPU)."""
-    device: str = "auto"
-    """Device of physics "warp" and of learning; "auto": the GPU for "warp" where there is one, else the CPU."""
-    scan: bool = TaskConfig.scan
-    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields
-    only)."""
-    history: int = TaskConfig.history
-    """Past control steps of which the actors also read joints, IMU and actions (ours)."""
-    perturbed: bool = TrainConfig.perturbed
-    """Noise, delays, pushes and uncertain dynamics as for students (zero otherwise, or as given one by one)."""
-    out: Path | None = None
-    """Report file (JSON)."""
-
-    def __post_init__(self) -> None:
-        for name, least in (("steps", BLOCK), ("updates", 1), ("threads", 1)):
-            if getattr(self, name) < least:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least {least} is needed")
-        if not self.num_envs:
-            raise InvalidConfig("num_envs is empty: at least one number of environments is needed")
-        for num_envs in self.num_envs:
-            self.training(num_envs)
-
-    def training(self, num_envs: int) -> TrainConfig:
-        """What is trained; raises `InvalidConfig` or `UnknownName`."""
-        return TrainConfig(
-            num_envs=num_envs,
-            preset=self.preset,
-            scenes=self.scenes,
-            physics=self.physics,
-            device=self.device,
-            threads=self.threads,
-            seed=0,
-            perturbed=self.perturbed,
-            task=replace(TrainConfig().task, scan=self.scan, history=self.history),
-        )
 
 
 def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
@@ -145,13 +85,13 @@ def _environment_and_physics(runner: Runner, steps: int, wait: Callable[[], None
     """
     env, seconds = runner.env, [0.0, 0.0]
     generator = torch.Generator(env.device).manual_seed(0)
-    blocks = -(-steps // BLOCK)
-    for _ in range(BLOCK):  # compiles what only restarts need
+    blocks = -(-steps // BENCHMARK_BLOCK)
+    for _ in range(BENCHMARK_BLOCK):  # compiles what only restarts need
         env.step(0.3 * torch.randn((env.num_envs, env.num_actions), generator=generator, device=env.device))
     for _ in range(blocks):
         before = env.physics.state()
         shape = (env.num_envs, env.num_actions)
-        actions = [0.3 * torch.randn(shape, generator=generator, device=env.device) for _ in range(BLOCK)]
+        actions = [0.3 * torch.randn(shape, generator=generator, device=env.device) for _ in range(BENCHMARK_BLOCK)]
         models = env.memory.model.clone()
         seconds[0] += _seconds(wait, lambda actions=actions: [env.step(a) for a in actions])
         after = env.physics.state()
@@ -165,7 +105,7 @@ def _environment_and_physics(runner: Runner, steps: int, wait: Callable[[], None
 
         seconds[1] += _seconds(wait, bare)
         env.physics.load_state(after)
-    environment, physics = (blocks * BLOCK * env.num_envs / s for s in seconds)
+    environment, physics = (blocks * BENCHMARK_BLOCK * env.num_envs / s for s in seconds)
     return environment, physics
 
 

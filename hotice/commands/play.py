@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import torch
 from rich.console import Console
 from rich.progress import track
 
+from hotice.commands.configs import PlayConfig
 from hotice.errors import InvalidConfig
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.record import failures_first, record_rollouts
@@ -18,9 +17,6 @@ from hotice.model.scene_sets import resolve_scenes
 from hotice.replay import RolloutRecord, write_html, write_overview
 from hotice.replay.video import write_video
 from hotice.sim.carry_bank import CarryBank
-
-if TYPE_CHECKING:
-    from hotice.commands.table import PlayConfig
 
 
 def play(config: PlayConfig) -> list[RolloutRecord]:

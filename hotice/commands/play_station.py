@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hotice.commands.configs import PlayConfig
 from hotice.errors import CarryInfeasible, InvalidConfig, PickInfeasible
 from hotice.model.object_range import ObjectRange
 from hotice.replay import RolloutRecord
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 if TYPE_CHECKING:
-    from hotice.commands.table import PlayConfig
     from hotice.model.scene import Scene
     from hotice.systems import StationConfig
     from hotice.systems.record.play import Run

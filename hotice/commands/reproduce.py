@@ -11,15 +11,14 @@ import dataclasses
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Annotated, Any, Literal
-
-import tyro
+from dataclasses import replace
+from typing import Any
 
 from hotice.commands.paper_tables import TABLES, Made, origins_markdown, table_markdown, tables_json
-from hotice.errors import InvalidConfig, SimulationError, UnknownName
-from hotice.evaluate.run import EvaluateConfig, evaluate
+from hotice.commands.recipes import RECIPES, ReproduceConfig
+from hotice.errors import InvalidConfig, SimulationError
+from hotice.evaluate.config import EvaluateConfig
+from hotice.evaluate.run import evaluate
 from hotice.files import make_folder, write_text
 from hotice.learn.checkpoints.checkpoint import list_checkpoints
 from hotice.learn.checkpoints.trained_on import TrainedOn
@@ -27,108 +26,9 @@ from hotice.learn.checkpoints.training_scenes import whole_record
 from hotice.learn.policy import load_policy
 from hotice.learn.train.config import TrainConfig
 from hotice.model.scene_sets import resolve_scenes
-from hotice.task.presets import PRESETS
 from hotice.version import source_version
 
 FORMAT = "hotice-tables/1"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Recipe:
-    """What a policy of the tables is trained and evaluated on."""
-
-    preset: str = "dual_hodpf"
-    shape: str = "box"
-    train_scenes: str = "bench20"
-    test_scenes: str = "bench20"
-
-
-RECIPES: Mapping[str, Recipe] = {
-    **{name: Recipe(preset=name) for name in PRESETS},
-    "cylinder": Recipe(shape="cylinder"),
-    "sphere": Recipe(shape="sphere"),
-    "generalist": Recipe(train_scenes="train75", test_scenes="unseen50"),
-}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Budget:
-    """Trials a scene, and the length of training; without updates nothing is trained."""
-
-    rollouts: int
-    updates: int
-    num_envs: int = 1024
-
-
-BUDGETS: Mapping[str, Budget] = {"small": Budget(rollouts=100, updates=120), "paper": Budget(rollouts=1000, updates=0)}
-"""Small: 2.9 M steps a policy, the same for each. Paper: 1,000 trials a scene of policies that are given."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReproduceConfig:
-    """One reproduction."""
-
-    what: Annotated[Literal["table1", "table2", "unseen", "all"], tyro.conf.Positional]
-    """Which result of the paper."""
-    budget: Literal["small", "paper"] = "small"
-    """small: policies that are not given are trained for the same small number of steps, 100 trials a scene; paper:
-    1,000 trials a scene, nothing is trained."""
-    out: Path = Path("reproduce")
-    """Folder of everything that is made."""
-    policies: tuple[str, ...] = ()
-    """Given policies as NAME=PATH; NAME: a preset, cylinder, sphere or generalist; PATH: as for `hotice evaluate`."""
-    rollouts: int = 0
-    """Trials a scene; 0: the budget's."""
-    updates: int = 0
-    """Updates of each training; 0: the budget's."""
-    num_envs: int = 0
-    """Environments of each training; 0: the budget's."""
-    seed: int = 0
-    """Seed of training and evaluation."""
-    threads: int = 0
-    """Cores; 0: all."""
-    protocol: Literal["robot", "paper"] = "robot"
-    """Physics and perturbations of the evaluations, as in `hotice evaluate`; tables name it."""
-    perturbed: bool = True
-    """Noise, delays, pushes and uncertain dynamics in evaluation, as in the paper."""
-    bench: tuple[str, ...] = ("bench20",)
-    """Scenes of the tables, in training and evaluation."""
-    training: tuple[str, ...] = ("train75",)
-    """Training scenes of the generalist, where it is trained here."""
-    trained_on: tuple[str, ...] = ()
-    """All scenes that a given generalist and its ancestors were trained on, to which unseen ones are compared: only for
-    a policy that carries no whole record of them."""
-    unseen: tuple[str, ...] = ("unseen50",)
-    """Unseen scenes."""
-
-    def __post_init__(self) -> None:
-        for name in ("rollouts", "updates", "num_envs", "seed", "threads"):
-            if not 0 <= getattr(self, name) < 2**63:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
-        self.given()
-
-    def given(self) -> dict[str, str]:
-        """Given policies by name. Raises `InvalidConfig` or `UnknownName`."""
-        pairs = [text.partition("=") for text in self.policies]
-        for name, equals, path in pairs:
-            if not equals or not path:
-                raise InvalidConfig(f"policy {name + equals!r}: NAME=PATH is needed")
-            if name not in RECIPES:
-                raise UnknownName("policy of the tables", name, RECIPES)
-        return {name: path for name, _, path in pairs}
-
-    def tables(self) -> list[str]:
-        """Names of the tables that are asked for."""
-        return list(TABLES) if self.what == "all" else [self.what]
-
-    def scenes(self, name: str) -> tuple[str, ...]:
-        """Scenes of a set of a recipe."""
-        return {"bench20": self.bench, "train75": self.training, "unseen50": self.unseen}[name]
-
-    def resources(self) -> Budget:
-        """The budget, with what was asked for instead."""
-        own = {k: getattr(self, k) for k in ("rollouts", "updates", "num_envs") if getattr(self, k)}
-        return replace(BUDGETS[self.budget], **own)
 
 
 def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> dict[str, Any]:

@@ -2,104 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Literal
-
-import tyro
-
-from hotice.commands.benchmark import BenchmarkConfig
-from hotice.commands.pipeline.run import PipelineConfig
-from hotice.commands.reproduce import ReproduceConfig
-from hotice.errors import InvalidConfig
-from hotice.evaluate.run import EvaluateConfig
+from hotice.commands.configs import (
+    BenchmarkConfig,
+    DistillConfig,
+    EvaluateConfig,
+    ExportConfig,
+    FinetuneConfig,
+    Flat,
+    MergeConfig,
+    PipelineConfig,
+    PlayConfig,
+    ReproduceConfig,
+    TrainConfig,
+)
 from hotice.files import check_writable
-from hotice.learn.distill.config import DistillConfig, FinetuneConfig
-from hotice.learn.train.config import TrainConfig
-
-Flat = tyro.conf.OmitArgPrefixes
 
 STOPPED = 75
 """Exit status of a run that was asked to stop and has saved: to be gone on with (EX_TEMPFAIL of sysexits.h)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExportConfig:
-    """One export."""
-
-    policy: Path
-    """Checkpoint folder, or a run (its newest checkpoint)."""
-    out: Path
-    """ONNX file to write."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class MergeConfig:
-    """One average of branches."""
-
-    parts: tuple[Path, ...]
-    """Checkpoint folders, or runs (their newest checkpoints), that went on from the same networks."""
-    out: Path
-    """Folder of the run to write: one checkpoint."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlayConfig:
-    """Rollouts to look at."""
-
-    policy: str = "student"
-    """Shipped policy by name, .onnx file, checkpoint folder or run; for other controllers than `policy` a name or .onnx
-    file."""
-    controller: Literal["policy", "walk", "pickup", "pickup_then_policy"] = "policy"
-    """Who carries: the policy from a carry state; the walking baseline; the pick-up from a table alone, or followed by
-    the policy, for which the walking baseline steps in where the policy's rehearsal fails, and no one where the walk's
-    does too. All but `policy` need Drake."""
-    scenes: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--scene"])] = ("open_floor",)
-    """Scene names, files or folders."""
-    seconds: float = 10.0
-    """Longest run of a controller other than `policy`, after the pick-up where there is one."""
-    out: Path = Path("replay.html")
-    """Replay page; a picture `.png` of the same name is written beside it."""
-    video: Path | None = None
-    """Film (.mp4) of one rollout; needs imageio-ffmpeg."""
-    video_of: int = 1
-    """Which rollout is filmed, by its number in the printed list."""
-    rollouts: int = 2
-    """Rollouts a scene, each with another object."""
-    seed: int = 0
-    """Seed of objects and starts."""
-    perturbed: bool = True
-    """Noise, delays, pushes and uncertain dynamics as in evaluation; under other controllers than `policy` noise and
-    delays."""
-    protocol: Literal["robot", "paper"] | None = None
-    """Physics and perturbations as in `hotice evaluate` (default: robot); of controller `policy` alone."""
-    failures_first: bool = True
-    """Lists failures before successes, by cause; otherwise scene by scene."""
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.seconds) and 0.0 < self.seconds <= 120.0):
-            raise InvalidConfig(f"seconds is {self.seconds!r}: above 0 and at most 120 are allowed")
-        if self.out.suffix == ".png":
-            raise InvalidConfig(
-                f"out is {str(self.out)!r}: the picture goes there, give the page another ending (.html)"
-            )
-        if self.video is not None and self.video.suffix != ".mp4":
-            raise InvalidConfig(f"video is {str(self.video)!r}: a film is an .mp4 file")
-        if self.video_of < 1:
-            raise InvalidConfig(f"video_of is {self.video_of!r}: the list begins with 1")
-        if self.video is None and self.video_of != 1:
-            raise InvalidConfig(f"video_of is {self.video_of!r}: nothing is filmed, give the film's file as video")
-        if self.protocol is not None and self.controller != "policy":
-            raise InvalidConfig(
-                f"protocol is {self.protocol!r} and controller {self.controller!r}, which has its own physics: leave it out"
-            )
-        if not self.scenes:
-            raise InvalidConfig("no scenes: at least one name, file or folder is needed")
-        if not 1 <= self.rollouts <= 100:
-            raise InvalidConfig(f"rollouts is {self.rollouts!r}: 1 to 100 are allowed")
-        if not 0 <= self.seed < 2**63:
-            raise InvalidConfig(f"seed is {self.seed!r}: 0 to 2^63 - 1 is needed")
 
 
 def train(config: Flat[TrainConfig]) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from hotice.sim.observations import POLICY, PRIVILEGED, SCAN, past_rows
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, L, U
 from hotice.sim.terminations import TERMINATIONS
+from hotice.sim.terms import FADE_M, SPEED_EPS
 
 
 def _first_line(term: object) -> str:
@@ -12,12 +13,18 @@ def _first_line(term: object) -> str:
 
 
 def reward_table() -> str:
-    """One row a reward term."""
+    """One row a reward term, and below what all cosines share."""
     rows = ["| Set | Term | Weight [1/s] | What | Source |", "|---|---|---|---|---|"]
     for r in REWARDS:
         group = "L" if r.agents == L else "U" if r.agents == U else "S"
         rows.append(f"| {group} | `{r.name}` | {r.weight:g} | {_first_line(r.term)} | {r.source} |")
     rows.append(f"| S | termination | {TERMINATION_PENALTY:g} once | An episode ends by a failure | ours |")
+    rows += [
+        "",
+        f"Cosines are softened, a·b / ((|a| + ε)(|b| + ε)) with ε = {SPEED_EPS:g} m/s, and fade out within {FADE_M:g} m "
+        "of the goal; the object's field is taken at the commanded speed, F·speed/η. Both are ours: see "
+        "`docs/notation.md`.",
+    ]
     return "\n".join(rows)
 
 

@@ -6,21 +6,18 @@ import hashlib
 import json
 from dataclasses import asdict
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 
 from hotice.control.walk.config import WalkConfig
 from hotice.errors import MissingExtra
+from hotice.evaluate.config import EvaluateConfig
 from hotice.learn.policy import Policy, load_policy
 from hotice.sim.physics.threads import one_thread
 
-if TYPE_CHECKING:
-    from hotice.evaluate.run import EvaluateConfig
-
 Carrier = Policy | WalkConfig
 """What trials are made with."""
-CONTROLLERS = ("policy", "walk")
 WALK_NEEDS = ("pinocchio", "proxsuite")
 
 

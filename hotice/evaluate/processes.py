@@ -14,14 +14,12 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait as wait_for
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hotice.errors import SimulationError
 from hotice.evaluate.carriers import Carrier, load_carrier
+from hotice.evaluate.scorer import Scorer
 from hotice.evaluate.trials import Trials
-
-if TYPE_CHECKING:
-    from hotice.evaluate.run import Scorer
 
 POLL_S = 0.5
 Block = tuple[int, int]

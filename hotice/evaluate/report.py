@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from hotice.evaluate.carriers import described
+from hotice.evaluate.carriers import Carrier, described
+from hotice.evaluate.config import PAPER_S, EvaluateConfig
 from hotice.evaluate.trials import CAUSES, DEEP_M, PLURAL, Trials
 from hotice.version import source_version
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hotice.evaluate.carriers import Carrier
-    from hotice.evaluate.run import EvaluateConfig
-
 FORMAT = "hotice-report/1"
-PAPER_S = 5.0
 SHOWN = {"robot_collision": "robot\nhit", "object_collision": "object\nhit", "fall": "fall", "drop": "drop"}
 SHOWN |= {"timeout": "time-\nout", "unstable": "un-\nstable", "no_plan": "no\nplan"}
 SELDOM = ("unstable", "no_plan")

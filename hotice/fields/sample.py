@@ -70,7 +70,11 @@ def _distance_kernel(sdf, origin, shape, offset, h, ids, p, out):
 def _field_kernel(
     sdf, geo, step, origin, shape, offset, h, ids, p, margin, d0, eta, xi, s_min, force, distance, geodesic
 ):
-    """F, inflated distance and geodesic distance of points p (N, K, 3) in scenes ids (N,), into the last three."""
+    """F (eq. 3), inflated distance and geodesic distance of points p (N, K, 3) in scenes ids (N,), into the last three.
+
+    F = -grad(U_att + U_rep) = -eta grad D_geo + f_rep(s) grad sdf: the first from nodes that hold the gradient, the
+    second by differences of the signed distance over two cells.
+    """
     per_scene = p.shape[1]
     inv_h = 1.0 / h
     for m in numba.prange(p.shape[0] * per_scene):

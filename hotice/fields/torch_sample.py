@@ -74,7 +74,10 @@ def sample_distance(v: TorchVolumes, ids: Tensor, p_W: Tensor) -> Tensor:
 def sample_field(
     v: TorchVolumes, field: int, margin_m: float, params: FieldParams, ids: Tensor, p_W: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """F (N, K, 3), distance to the inflated obstacles and finite geodesic distance (N, K) [m] at p_W (N, K, 3)."""
+    """F (N, K, 3), distance to the inflated obstacles and finite geodesic distance (N, K) [m] at p_W (N, K, 3).
+
+    F = -eta grad D_geo + f_rep(s) grad sdf (eq. 3), as in `hotice.fields.sample`.
+    """
     u, shape, first = _grid_coordinates(v, ids, p_W)
     index, weight = _corners(u, shape, first)
     geo = (v.geo[field][index] * weight[..., None]).sum(dim=-2)

@@ -1,6 +1,6 @@
 """Fields, navigation command and goal as a percept shows them: the guidance part of the policy's input.
 
-The numpy twin of `TransportEnv._guide`.
+The numpy twin of `hotice.sim.reader.Reader.guide`.
 """
 
 from __future__ import annotations

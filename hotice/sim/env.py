@@ -8,36 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from hotice.errors import InvalidConfig
 from hotice.fields.bank import FieldBank
-from hotice.fields.clearance import Spheres
-from hotice.fields.command import heading_error, navigation_command
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
-from hotice.sim import cover
-from hotice.sim.carry_bank import CarryBank, pick
+from hotice.sim.carry_bank import CarryBank
 from hotice.sim.events import Starter, push, turn_about_root
 from hotice.sim.observations import PRIVILEGED, ObservationTable, policy_rows
 from hotice.sim.physics.protocol import make_physics
 from hotice.sim.physics.ram import check_memory
+from hotice.sim.reader import Reader
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
-from hotice.sim.scan import scan_points
 from hotice.sim.sensing import Sensors
-from hotice.sim.snapshot import LOOK_AHEAD_S, NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
+from hotice.sim.snapshot import Layout, Memory, Snapshot
 from hotice.sim.terminations import TERMINATIONS
 from hotice.task import history
 from hotice.task.config import TaskConfig
 from hotice.task.presets import get_preset
 from hotice.task.rules import OUTCOMES, arrived, diverged, outcome_code
 from hotice.task.sensing import KNOWN_ROWS
-
-TOUCH_HEIGHT_M = 0.012
-CLEAR_M = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,9 +132,6 @@ class TransportEnv:
             )
         self.physics = make_physics(physics, self.carry.models, num_envs, self.device, threads)
         self.layout = Layout(self.carry.models[0], self.device)
-        self.robot_cover = cover.robot_spheres(self.carry.models[0], self.device)
-        self.upper_cover = cover.upper_spheres(self.carry.models[0], self.device)
-        self.object_cover = cover.object_spheres(self.carry.cover_centre, self.carry.cover_radius, self.layout.object)
         self.starter = Starter(cfg, self.bank, self.carry, self.layout, self.device)
         self.rewards = RewardTable(REWARDS, self.agents, cfg.control_dt_s)
         rows = policy_rows(cfg.scan, cfg.history)
@@ -149,6 +139,9 @@ class TransportEnv:
         self.critic_table = ObservationTable(rows + PRIVILEGED)
         self.everyone = torch.arange(num_envs, device=self.device)
         self.memory = Memory.zeros(num_envs, self.device, cfg.history)
+        self.reader = Reader(
+            cfg, self.preset.object_field, self.bank, self.carry, self.layout, self.physics, self.memory
+        )
         self.held = torch.zeros(num_envs, 20, device=self.device)
         self.read = torch.zeros(num_envs, self.policy_table.size, device=self.device)
         self.frame = torch.nonzero(self.policy_table.columns([n for n, _ in history.ROWS]))[:, 0].to(self.device)
@@ -161,7 +154,7 @@ class TransportEnv:
             cfg.control_dt_s,
             cfg.substeps,
             self.device,
-            self._guide,
+            self.reader.guide,
             self.policy_table.columns(KNOWN_ROWS).to(self.device),
             self.layout.chains,
         )
@@ -173,7 +166,6 @@ class TransportEnv:
         """Whether what has ended is started anew; evaluation starts nothing anew: a trial's draws then depend on no
         other."""
         self.memory.model[:] = torch.arange(num_envs, device=self.device) % len(self.carry.states)
-        self.has_obstacles = any(s.obstacles for s in self.bank.scenes)
 
     @property
     def num_actions(self) -> int:
@@ -369,81 +361,4 @@ class TransportEnv:
 
     def snapshot(self, ids: Tensor | None = None) -> Snapshot:
         """Reads environments `ids` (default all) from the simulator and adds fields and commands."""
-        m, cfg = self.memory, self.config
-        rows = slice(None) if ids is None else ids
-        scene, model = m.scene[rows], m.model[rows]
-        grasp = pick(self.carry.grasp, model)
-        motion, xpos, xmat = read_motion(self.physics, self.layout, grasp, ids)
-        guidance = self._guide(motion, rows)
-        robot_gap, object_gap = self._clearances(xpos, xmat, scene, model, self.robot_cover)
-        ahead = xpos + LOOK_AHEAD_S * torch.nn.functional.pad(guidance["c_W"][:, :2], (0, 1))[:, None]
-        gap_ahead = torch.minimum(*self._clearances(ahead, xmat, scene, model, self.upper_cover))
-        if self.physics.hits is None:
-            robot_hit, object_hit = robot_gap < -cfg.tolerance_m, object_gap < -cfg.tolerance_m
-        else:
-            robot_hit, object_hit = self.physics.hits[rows].clone().unbind(1)  # a copy: a restart clears them
-        ends = motion.p_WK[:, NUM_SGF + 2 :, 2]
-        touch = torch.minimum(ends[:, :2], ends[:, 2:]) < TOUCH_HEIGHT_M
-        wave = torch.sin(torch.stack([m.phase[rows], m.phase[rows] + torch.pi], dim=1))
-        return Snapshot(
-            **vars(motion),
-            **guidance,
-            clearance=robot_gap,
-            object_clearance=object_gap,
-            clearance_ahead=gap_ahead,
-            robot_hit=robot_hit,
-            object_hit=object_hit,
-            touch=touch,
-            swing=cfg.swing_height_m * torch.clamp(wave, min=0.0),
-            stance=wave < 0.2,
-            action=m.action[rows],
-            last_action=m.last_action[rows],
-            past=m.past[rows],
-            phase=m.phase[rows],
-            time_left=1.0 - m.step[rows].float() / cfg.max_steps,
-            grasp=grasp,
-        )
-
-    def _guide(self, motion: Motion, rows: Tensor | slice) -> dict[str, Any]:
-        """Fields, command and goal as seen from a motion of environments `rows`: the guidance part of a snapshot."""
-        scene, cfg, eta = self.memory.scene[rows], self.config, self.bank.params.attraction
-        sgf = self.bank.sample("sgf", scene, motion.p_WK[:, :NUM_SGF])
-        carried = torch.cat([motion.p_WK[:, NUM_SGF : NUM_SGF + 2], motion.p_WOK], dim=1)
-        ogf = self.bank.sample(self.preset.object_field, scene, carried)
-        offset_W = self.bank.goal_W[scene, :2] - motion.p_WP[:, :2]
-        c_W, speed = navigation_command(sgf.force_W[:, STEERED], offset_W, eta, cfg.speed_m_s, cfg.stop_gain_hz)
-        cos, sin = torch.cos(motion.yaw), torch.sin(motion.yaw)
-        goal_Y = torch.stack(
-            [cos * offset_W[:, 0] + sin * offset_W[:, 1], cos * offset_W[:, 1] - sin * offset_W[:, 0]], 1
-        )
-        return {
-            "sgf": sgf,
-            "ogf": ogf,
-            "eta": eta,
-            "c_W": c_W,
-            "speed": speed,
-            "goal_Y": goal_Y,
-            "heading_error": heading_error(c_W, speed, motion.yaw, cfg.speed_m_s),
-            "goal_distance": offset_W.norm(dim=-1),
-            "scan": self._scan(motion, scene),
-        }
-
-    def _scan(self, motion: Motion, scene: Tensor) -> Tensor:
-        """Signed distances at the points of the local scan, (N, 40) [m], or (N, 0) without one."""
-        if not self.config.scan:
-            return motion.yaw.new_empty(len(motion.yaw), 0)
-        return self.bank.signed_distance(scene, scan_points(motion))
-
-    def _clearances(
-        self, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor, robot: Spheres
-    ) -> tuple[Tensor, Tensor]:
-        """Smallest gap between cover spheres and obstacles, `robot` and object, (N,) each, from the frames of all
-        bodies.
-        """
-        if not self.has_obstacles:
-            far = torch.full((len(xpos),), CLEAR_M, device=self.device)
-            return far, far.clone()
-        return (
-            self.bank.lowest_clearance(scene, xpos, xmat, robot, torch.zeros_like(model)),
-            self.bank.lowest_clearance(scene, xpos, xmat, self.object_cover, model),
-        )
+        return self.reader.snapshot(ids)

@@ -33,11 +33,11 @@ class Reward:
 
 REWARDS: tuple[Reward, ...] = (
     # S: HOD-PF and lifting
-    Reward("sgf_head", S, 0.3, terms.sgf_head, "paper IV-A"),
-    Reward("sgf_pelvis", S, 0.3, terms.sgf_pelvis, "paper IV-A"),
-    Reward("sgf_feet", S, 0.2, terms.sgf_feet, "paper IV-A"),
-    Reward("ogf_hands", S, 0.15, terms.ogf_hands, "paper IV-A"),
-    Reward("ogf_object", S, 0.25, terms.ogf_object, "paper IV-A"),
+    Reward("sgf_head", S, 0.3, terms.sgf_head, "paper IV-A, softened"),
+    Reward("sgf_pelvis", S, 0.3, terms.sgf_pelvis, "paper IV-A, softened"),
+    Reward("sgf_feet", S, 0.2, terms.sgf_feet, "paper IV-A, softened"),
+    Reward("ogf_hands", S, 0.15, terms.ogf_hands, "paper IV-A, scaled and softened"),
+    Reward("ogf_object", S, 0.25, terms.ogf_object, "paper IV-A, scaled and softened"),
     Reward("object_lift", S, 0.5, terms.object_lift, "paper IV-B"),
     Reward("clearance", S, -2.0, terms.clearance, "ours"),
     Reward("clearance_ahead", S, -1.0, terms.clearance_ahead, "ours"),

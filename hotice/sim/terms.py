@@ -10,7 +10,9 @@ from hotice.model import g1
 from hotice.sim.snapshot import FEET, HANDS, HEAD, HEELS, PELVIS, TOES, Snapshot
 
 SPEED_EPS = 0.1
-"""[m/s] softens the cosines: the direction of a body at rest scores nothing."""
+"""Softening of the cosines: the direction of a body at rest, or of a residual that is noise, scores nothing [m/s]."""
+FADE_M = 0.5
+"""Closer to the goal than this the cosines fade out: there head and feet are drawn to a point at pelvis height [m]."""
 _STEM = [g1.stem(j) for j in g1.ACTION_JOINTS]
 _STANCE_JOINTS = [i for i, s in enumerate(_STEM) if s in ("hip_roll", "hip_yaw")]
 
@@ -21,13 +23,17 @@ def _moving(s: Snapshot) -> Tensor:
 
 
 def _travelling(s: Snapshot) -> Tensor:
-    """1 far from the goal, fading to 0 on it: there head and feet are drawn to a point at pelvis height."""
-    return torch.clamp(s.goal_distance / 0.5, 0.0, 1.0)
+    """1 farther than `FADE_M` from the goal, fading to 0 on it."""
+    return torch.clamp(s.goal_distance / FADE_M, 0.0, 1.0)
 
 
 def _at_command(s: Snapshot) -> Tensor:
-    """The object-centric field at the commanded speed, so that F − c vanishes where no obstacle bends it, (N, 10,
-    3).
+    """F_object·speed/η, the object-centric field at the commanded speed, (N, 10, 3) [m/s].
+
+    The paper takes c from F itself, whose size in free space is η. Our c has the walking speed, which is another one
+    and falls near the goal: F − c would ask hands and object to lag behind the body, or to run ahead of it, where no
+    obstacle is. At the commanded speed what remains is what obstacles ask for, and that the field draws every point to
+    the goal at pelvis height while c is one vector: 0.13 m/s two metres before the goal, vanishing farther away.
     """
     return s.ogf.force_W * (s.speed / s.eta)[:, None, None]
 
@@ -37,27 +43,27 @@ def _at_command(s: Snapshot) -> Tensor:
 
 
 def sgf_head(s: Snapshot) -> Tensor:
-    """Cosine between SGF and velocity of the head."""
+    """Cosine between F of the SGF and v of the head; softened, fading at the goal."""
     return cosine(s.sgf.force_W[:, HEAD], s.v_WK[:, HEAD], SPEED_EPS) * _travelling(s)
 
 
 def sgf_pelvis(s: Snapshot) -> Tensor:
-    """Cosine between SGF and velocity of the pelvis."""
+    """Cosine between F of the SGF and v of the pelvis; softened, fading at the goal."""
     return cosine(s.sgf.force_W[:, PELVIS], s.v_WK[:, PELVIS], SPEED_EPS) * _travelling(s)
 
 
 def sgf_feet(s: Snapshot) -> Tensor:
-    """Cosine between SGF and velocity of the feet, mean of both."""
+    """Cosine between F of the SGF and v of the feet, mean of both; softened, fading at the goal."""
     return cosine(s.sgf.force_W[:, FEET], s.v_WK[:, FEET], SPEED_EPS).mean(dim=1) * _travelling(s)
 
 
 def ogf_hands(s: Snapshot) -> Tensor:
-    """Cosine between [F_object − c] and [v − c] at the hands, mean of both."""
+    """Cosine between [F_object·speed/η − c] and [v − c] at the hands, mean of both; softened, fading at the goal."""
     return residual_cosine(_at_command(s)[:, :2], s.v_WK[:, HANDS], s.c_W, SPEED_EPS).mean(dim=1) * _travelling(s)
 
 
 def ogf_object(s: Snapshot) -> Tensor:
-    """Cosine between [F_object − c] and [v − c] at the eight object keypoints, mean."""
+    """Cosine between [F_object·speed/η − c] and [v − c] at the object's eight, mean; softened, fading at the goal."""
     return residual_cosine(_at_command(s)[:, 2:], s.v_WOK, s.c_W, SPEED_EPS).mean(dim=1) * _travelling(s)
 
 

@@ -13,7 +13,7 @@ if find_spec("pydrake") is None:
 
 if TYPE_CHECKING:
     from hotice.systems.logs import read_logs
-    from hotice.systems.record.picture import write_diagram, write_html
+    from hotice.systems.record.picture import write_diagram, write_station_page
     from hotice.systems.setup.config import StationConfig
     from hotice.systems.station.make import Station, make_station
 
@@ -23,10 +23,10 @@ _LAZY = {
     "make_station": "station.make",
     "read_logs": "logs",
     "write_diagram": "record.picture",
-    "write_html": "record.picture",
+    "write_station_page": "record.picture",
 }
 
-__all__ = ["Station", "StationConfig", "make_station", "read_logs", "write_diagram", "write_html"]
+__all__ = ["Station", "StationConfig", "make_station", "read_logs", "write_diagram", "write_station_page"]
 
 
 def __getattr__(name: str) -> Any:

@@ -15,7 +15,8 @@ from hotice.control.pick_plan import Planner, Support
 from hotice.control.pick_plan.paths.trajectory import JOINT_SPEED
 from hotice.control.pick_plan.task import COM_BOX_M, frames_at
 from hotice.control.pickup import Pickup, PickupConfig, Stance
-from hotice.control.pickup.path import along, ease
+from hotice.control.pickup.footwork import ease
+from hotice.control.pickup.phases import along
 from hotice.control.pickup.tracking import Tracking
 from hotice.control.whole_body.terms import FEET, LEFT_HAND, Terms, torque_limits
 from hotice.errors import CarryInfeasible, HoticeError, InvalidConfig, PickInfeasible

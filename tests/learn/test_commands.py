@@ -4,9 +4,13 @@ import json
 import os
 import subprocess
 import sys
+from typing import get_type_hints
 
 import pytest
 
+from hotice.commands import table
+from hotice.commands.configs import OPTIONS
+from hotice.commands.pipeline.jobs import OUTPUTS
 from hotice.commands.program import main
 
 COMMANDS = (
@@ -41,6 +45,12 @@ def test_help(name, capsys):
         main([name, "--help"])
     assert caught.value.code in (0, None)
     assert name == "tables" or "options" in capsys.readouterr().out
+
+
+def test_every_command_has_the_options_that_jobs_are_checked_against():
+    hints = {name: get_type_hints(command).get("config") for name, command in table.COMMANDS.items()}
+    assert {name: hint for name, hint in hints.items() if hint is not None} == dict(OPTIONS)
+    assert set(OUTPUTS) <= set(OPTIONS)
 
 
 def test_help_lists_every_command(capsys):
@@ -108,6 +118,14 @@ def test_tables(capsys):
     assert main(["tables"]) == 0
     out = capsys.readouterr().out
     assert "| S | `ogf_object` |" in out and "| actors, critics | `sgf` | 45 |" in out and "`fall`" in out
+
+
+def test_tables_say_how_the_field_rewards_differ_from_the_paper(capsys):
+    assert main(["tables"]) == 0
+    printed = capsys.readouterr().out
+    row = next(line for line in printed.splitlines() if "`ogf_object`" in line)
+    assert "F_object·speed/η − c" in row and "scaled and softened" in row
+    assert "ε = 0.1 m/s, and fade out within 0.5 m of the goal" in printed
 
 
 def test_tables_are_markdown(capsys):

@@ -7,16 +7,13 @@ import pytest
 import torch
 
 import hotice.evaluate.conditions as conditions
-import hotice.evaluate.run as module
+import hotice.evaluate.scorer as module
 from hotice.errors import CheckpointError, HoticeError, InvalidConfig
 from hotice.evaluate.carriers import policy_digest
 from hotice.evaluate.conditions import Conditions
-from hotice.evaluate.run import (
-    EvaluateConfig,
-    Scorer,
-    evaluate,
-    score_block,
-)
+from hotice.evaluate.config import EvaluateConfig
+from hotice.evaluate.run import evaluate
+from hotice.evaluate.scorer import Scorer, score_block
 from hotice.evaluate.seeds import TrialSeeds
 from hotice.evaluate.trials import Trials, success_interval
 from hotice.learn.policy import load_policy

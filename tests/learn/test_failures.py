@@ -16,6 +16,7 @@ import pytest
 import torch
 import yaml
 
+from hotice.commands.configs import OPTIONS, field_names
 from hotice.commands.pipeline.file import load_pipeline
 from hotice.commands.pipeline.jobs import LOCK, Job, JobProcess
 from hotice.commands.program import main
@@ -348,12 +349,10 @@ def test_errors_that_no_user_can_mend_keep_their_traceback():
 
 
 def test_every_option_to_lower_exists():
-    from hotice.commands.pipeline.jobs import _config_type, _field_names
-
     for command, text in LOWER.items():
         for word in text.replace(",", " ").split():
             if word.startswith("--"):
-                assert word[2:].replace("-", "_") in _field_names(_config_type(command)), (command, word)
+                assert word[2:].replace("-", "_") in field_names(OPTIONS[command]), (command, word)
 
 
 # numbers

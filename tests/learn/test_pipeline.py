@@ -12,16 +12,18 @@ import pytest
 import torch
 import yaml
 
+import hotice
+from hotice.commands.configs import PipelineConfig
 from hotice.commands.pipeline import run as module
 from hotice.commands.pipeline.file import load_pipeline
 from hotice.commands.pipeline.jobs import LOCK, Job, JobProcess
-from hotice.commands.pipeline.run import STATUS, LocalWorkers, PipelineConfig, run_pipeline
+from hotice.commands.pipeline.run import STATUS, LocalWorkers, run_pipeline
 from hotice.commands.program import main
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.learn.checkpoints.checkpoint import list_checkpoints, load_checkpoint
 from hotice.learn.train.runner import Runner
 
-SMALL = Path(module.__file__).resolve().parents[1] / "pipelines" / "small.yaml"
+SMALL = Path(hotice.__file__).parent / "pipelines" / "small.yaml"
 TINY = {
     "num_envs": 8,
     "steps": 8,

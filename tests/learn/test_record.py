@@ -8,7 +8,7 @@ import hotice.evaluate.conditions as conditions
 from hotice.errors import CheckpointError, InvalidConfig
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.record import record_rollouts
-from hotice.evaluate.run import score_block
+from hotice.evaluate.scorer import score_block
 from hotice.learn.policy import load_policy
 from hotice.model import Box
 from hotice.model.carry import solve_carry

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from hotice.commands.benchmark import BenchmarkConfig
+from hotice.commands.configs import BenchmarkConfig, PlayConfig
 from hotice.commands.program import main
-from hotice.commands.reproduce import ReproduceConfig, reproduce
-from hotice.commands.table import PlayConfig
+from hotice.commands.recipes import ReproduceConfig
+from hotice.commands.reproduce import reproduce
 from hotice.errors import CarryInfeasible, CheckpointError, InputError, InvalidConfig, UnknownName
-from hotice.evaluate.run import EvaluateConfig
+from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.trials import Trials, TrialStore
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.distill.config import FinetuneConfig

@@ -9,13 +9,14 @@ import pytest
 import tyro
 
 import hotice.commands.reproduce as module
+from hotice.commands.configs import Flat
 from hotice.commands.paper_tables import TABLES
 from hotice.commands.program import main
-from hotice.commands.reproduce import RECIPES, ReproduceConfig, reproduce, train_command
-from hotice.commands.table import Flat
+from hotice.commands.recipes import RECIPES, ReproduceConfig
+from hotice.commands.reproduce import reproduce, train_command
 from hotice.commands.unseen import Fit
 from hotice.errors import CheckpointError, InvalidConfig, SimulationError, UnknownName
-from hotice.evaluate.run import EvaluateConfig
+from hotice.evaluate.config import EvaluateConfig
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.policy import export_onnx, torch_policy
 from hotice.learn.train.config import TrainConfig

@@ -13,7 +13,9 @@ from hotice.control.plant import TorquePlant
 from hotice.control.walk import WalkConfig
 from hotice.errors import InvalidConfig, MissingExtra, UnknownName, UnreachableGoal
 from hotice.evaluate.conditions import Conditions
-from hotice.evaluate.run import EvaluateConfig, Scorer, evaluate, score_block
+from hotice.evaluate.config import EvaluateConfig
+from hotice.evaluate.run import evaluate
+from hotice.evaluate.scorer import Scorer, score_block
 from hotice.evaluate.walk_trials import Trial, score_walks
 from hotice.learn.policy import load_policy
 from hotice.model import Box, Cylinder, Sphere, builder

@@ -86,3 +86,18 @@ def test_what_is_measured_is_guided_by_the_same_fields(start):
     s = env.snapshot()
     measured = env.sensors.measure(s, env.everyone, torch.zeros(4, 20), env.generator)
     assert measured.eta == 1.0 and (measured.c_W != s.c_W).any()
+
+
+@pytest.mark.parametrize("eta", ETAS)
+def test_the_object_reward_is_what_the_notation_page_writes(start, eta):
+    """[F·speed/eta − c] against [v − c], softened by 0.1 m/s, times the distance to go over half a metre."""
+    s = start(eta).snapshot()
+    lifting = s.c_W[:, None] + torch.tensor([0.05, 0.0, 0.2])
+    for distance_m in (2.0, 0.2):
+        at = replace(s, v_WOK=lifting.expand_as(s.v_WOK), goal_distance=torch.full((4,), distance_m))
+        a = s.ogf.force_W[:, 2:].double() * s.speed[:, None, None] / eta - s.c_W[:, None]
+        b = lifting - s.c_W[:, None].double()
+        cosine = (a * b).sum(-1) / ((a.norm(dim=-1) + 0.1) * (b.norm(dim=-1) + 0.1))
+        wanted = cosine.mean(dim=1) * min(distance_m / 0.5, 1.0)
+        torch.testing.assert_close(terms.ogf_object(at).double(), wanted, atol=1e-5, rtol=0)
+        assert wanted.abs().max() > 0.01

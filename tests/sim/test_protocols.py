@@ -7,7 +7,7 @@ import pytest
 
 from hotice.errors import UnknownName
 from hotice.evaluate.conditions import Conditions, start_trials
-from hotice.evaluate.run import EvaluateConfig
+from hotice.evaluate.config import EvaluateConfig
 from hotice.model import load_scene
 from hotice.model.dynamics import TRAINING_PALMS, DynamicsConfig, student_dynamics
 from hotice.sim import TaskConfig

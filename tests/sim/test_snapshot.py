@@ -159,13 +159,13 @@ def test_what_lies_ahead_is_met_by_upper_body_and_object_moved_on_with_the_comma
         centre = xpos[:, cover.frame] + (xmat[:, cover.frame] @ cover.centre[variant][..., None]).squeeze(-1)
         return (bank.signed_distance(scene, centre) - cover.radius[variant]).amin(dim=1)
 
-    want = torch.minimum(gap(env.upper_cover, torch.zeros_like(model)), gap(env.object_cover, model))
+    want = torch.minimum(gap(env.reader.upper_cover, torch.zeros_like(model)), gap(env.reader.object_cover, model))
     torch.testing.assert_close(s.clearance_ahead, want, atol=1e-5, rtol=0)
     assert (s.clearance_ahead < s.clearance).all()
 
 
 def test_feet_are_no_part_of_what_lies_ahead(env):
     model = env.carry.models[0]
-    names = {model.body(int(b)).name for b in env.upper_cover.frame}
+    names = {model.body(int(b)).name for b in env.reader.upper_cover.frame}
     assert {"pelvis", "torso_link", "left_elbow_link"} <= names
     assert not {n for n in names if "knee" in n or "ankle" in n or "hip" in n}

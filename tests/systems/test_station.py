@@ -21,7 +21,7 @@ from hotice.model import Obstacle, Scene
 from hotice.model.builder import FLOOR, robot_spec
 from hotice.model.self_contact import pairs
 from hotice.replay import RolloutRecord
-from hotice.systems import StationConfig, make_station, read_logs, write_diagram, write_html
+from hotice.systems import StationConfig, make_station, read_logs, write_diagram, write_station_page
 from hotice.systems.compose import build, connect
 from hotice.systems.joint_pd import JointPd
 from hotice.systems.record.picture import wires
@@ -254,7 +254,7 @@ def test_visualizer(tmp_path):
     Simulator(station).AdvanceTo(0.2)
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    page = write_html(meshcat, tmp_path / "station.html")
+    page = write_station_page(meshcat, tmp_path / "station.html")
     assert page.stat().st_size > 100_000 and b"<script" in page.read_bytes()
     station.ForcedPublish(station.CreateDefaultContext())
 

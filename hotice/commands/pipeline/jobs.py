@@ -15,10 +15,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
+import tyro
+
+from hotice.commands.configs import OPTIONS, Flat, field_names
 from hotice.errors import HoticeError, InvalidConfig, OutputError, UnknownName
 from hotice.files import make_folder, write_text
 
@@ -154,36 +157,17 @@ def option_names(command: str) -> set[str]:
     """Names of all options of a command. Raises `UnknownName` for a command that is no job."""
     if command not in OUTPUTS:
         raise UnknownName("command of a job", command, OUTPUTS)
-    return _field_names(_config_type(command))
+    return field_names(OPTIONS[command])
 
 
 def check_argv(command: str, argv: Sequence[str]) -> None:
     """Raises `InvalidConfig` unless the command would accept these options."""
-    import tyro
-
-    from hotice.commands import table as commands
-
     said = io.StringIO()
-    hint = get_type_hints(getattr(commands, command), include_extras=True)["config"]
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            tyro.cli(hint, args=list(argv))
+            tyro.cli(Flat[OPTIONS[command]], args=list(argv))
     except SystemExit:
         words = " ".join(line.strip(" │╭╮╰╯─-") for line in said.getvalue().splitlines()).split(" Argument helptext")[0]
         raise InvalidConfig(f"{command}: {' '.join(words.split())}") from None
     except HoticeError as error:
         raise InvalidConfig(f"{command}: {error}") from None
-
-
-def _config_type(command: str) -> type:
-    from hotice.commands import table as commands
-
-    return get_type_hints(getattr(commands, command))["config"]
-
-
-def _field_names(config: type) -> set[str]:
-    hints, names = get_type_hints(config), set()
-    for each in fields(config):
-        kind = hints[each.name]
-        names |= _field_names(kind) if is_dataclass(kind) and isinstance(kind, type) else {each.name}
-    return names

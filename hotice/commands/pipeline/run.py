@@ -12,18 +12,17 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
-import tyro
 from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
+from hotice.commands.configs import PipelineConfig
 from hotice.commands.pipeline.file import Pipeline, load_pipeline
 from hotice.commands.pipeline.jobs import USER_ERROR, Job, JobProcess
-from hotice.errors import HoticeError, InvalidConfig
+from hotice.errors import HoticeError
 from hotice.files import make_folder, write_text
 from hotice.learn.train.runner import stop_on_signals
 
@@ -38,26 +37,6 @@ COLOURS = {
     "waiting": "dim",
     "stopped": "yellow",
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class PipelineConfig:
-    """One pipeline."""
-
-    config: tyro.conf.Positional[Path]
-    """Pipeline file (YAML)."""
-    workers: int = 1
-    """Jobs at a time on this machine; a cluster runs as many as it has room for."""
-    retries: int = 2
-    """How often a job is tried again when its process dies."""
-    cluster: str | None = None
-    """Ray cluster: its address, or "auto" for the one that this machine belongs to; none: processes of this machine."""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.workers <= 1024:
-            raise InvalidConfig(f"workers is {self.workers!r}: 1 to 1024 are allowed")
-        if not 0 <= self.retries <= 1000:
-            raise InvalidConfig(f"retries is {self.retries!r}: 0 to 1000 are allowed")
 
 
 class Workers(Protocol):

@@ -4,8 +4,7 @@ Importing this package costs numpy and numba only.
 """
 
 from hotice.control.pick_plan.grip import ready_joints
-from hotice.control.pick_plan.plan import Durations, PickPlan
+from hotice.control.pick_plan.plan import Durations, PickPlan, Support
 from hotice.control.pick_plan.planner import Planner
-from hotice.control.pick_plan.support import Support
 
 __all__ = ["Durations", "PickPlan", "Planner", "Support", "ready_joints"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.pick_plan.support import Support
+from hotice.control.pick_plan.plan import Support
 from hotice.model import g1
 from hotice.model.carry import CarryState, solve_carry
 from hotice.model.objects import CarriedObject

@@ -1,4 +1,4 @@
-"""The plan of a pick-up: configurations from standing in front of the object to holding it in the carry state."""
+"""The plan of a pick-up, from standing before a support to holding in the carry state; the support; the durations."""
 
 from __future__ import annotations
 
@@ -7,9 +7,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidConfig
+from hotice.errors import InvalidConfig, PickInfeasible
 
 Array = NDArray[np.float64]
+SUPPORT_TOP_M = (0.40, 0.85)
+NEAR_M = (0.15, 0.60)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Support:
+    """What the object stands on: height of its top [m] and distance of its near edge ahead of the feet's middle [m]."""
+
+    top_m: float
+    near_m: float
+
+    def __post_init__(self) -> None:
+        low, high = SUPPORT_TOP_M
+        if not (np.isfinite(self.top_m) and low <= self.top_m <= high):
+            raise PickInfeasible(f"support top at {self.top_m:.2f} m: allowed are {low:.2f} to {high:.2f} m")
+        low, high = NEAR_M
+        if not (np.isfinite(self.near_m) and low <= self.near_m <= high):
+            raise PickInfeasible(
+                f"support edge {self.near_m:.2f} m ahead of the feet: allowed are {low:.2f} to {high:.2f} m, "
+                "stand nearer or farther"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

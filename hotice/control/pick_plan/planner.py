@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.pick_plan import cache
 from hotice.control.pick_plan.grip import Grip, ready_joints
-from hotice.control.pick_plan.plan import Durations, PickPlan
-from hotice.control.pick_plan.support import Support
+from hotice.control.pick_plan.plan import Durations, PickPlan, Support
 from hotice.control.pick_plan.task import PickTask, frames_at
 from hotice.control.whole_body.contacts import PALM_M
 from hotice.control.whole_body.terms import FEET, Terms

@@ -87,7 +87,7 @@ class Pickup:
         seen = stance.measurement(measurement)
         q = _configuration(seen)
         memory = replace(memory, stance=stance, came_from=q, reference=q, start=q)
-        self._phases.plans.foresee(memory, seen)
+        self._phases.foresee(memory, seen)
         return memory
 
     def step(self, memory: PickupMemory, measurement: Measurement) -> tuple[Command, PickupMemory]:

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.pickup.path import ease
 from hotice.errors import InvalidConfig
 
 Array = NDArray[np.float64]
@@ -139,6 +138,12 @@ class Course:
             elif time_s < swing.begin_s + SWING_S + LANDING_S:
                 landed = swing.foot
         return Feet(pose=pose, velocity=velocity, air=air, landed=landed)
+
+
+def ease(share: float) -> float:
+    """Minimum-jerk course from 0 to 1 while `share` goes from 0 to 1, held outside."""
+    s = min(max(share, 0.0), 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
 def plan_steps(feet: Array, com: Array, height_m: float, departure: Departure) -> Course:

@@ -1,4 +1,4 @@
-"""What a pick-up remembers from step to step."""
+"""What a pick-up remembers from step to step, and what it hands on within one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.control.pick_plan import PickPlan
-from hotice.control.pickup.footwork import Course
+from hotice.control.pickup.footwork import Course, Feet
 from hotice.control.pickup.stance import Stance
 from hotice.control.whole_body.qp import QpMemory
 
@@ -52,3 +52,17 @@ class PickupMemory:
     def copy(self) -> PickupMemory:
         """An independent copy; plans are never changed and are shared."""
         return replace(self, qp=copy.deepcopy(self.qp), air=self.air.copy(), log=list(self.log))
+
+
+@dataclass
+class Motion:
+    """What the reference of one step does beside being at a configuration, in G.
+
+    Attributes:
+        rate: (26,) velocity of the reference. com_acc: (3,) of the centre of mass.
+        feet: where the ankles go while a foot is in the air.
+    """
+
+    rate: Array = field(default_factory=lambda: np.zeros(26))
+    com_acc: Array = field(default_factory=lambda: np.zeros(3))
+    feet: Feet | None = None

@@ -1,4 +1,9 @@
-"""What comes next: the phases of a pick-up, what each asks of the robot and when it ends."""
+"""What comes next: the phases of a pick-up, what each asks of the robot and when it ends.
+
+A plan made ahead is followed as long as feet and object are where it has them; else a new one is made. Making one takes
+longer than a control step, and the torques of the last step go on meanwhile. The first plan is therefore made before the
+first step, while the robot stands; in a step one is made only for an object that has moved since.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
-from hotice.control.pick_plan import Planner
+from hotice.control.pick_plan import PickPlan, Planner
 from hotice.control.pickup import stepping
 from hotice.control.pickup.config import PickupConfig
-from hotice.control.pickup.footwork import Departure
-from hotice.control.pickup.memory import PickupMemory
-from hotice.control.pickup.motion import Motion
-from hotice.control.pickup.path import along
-from hotice.control.pickup.plans import Plans
+from hotice.control.pickup.footwork import Departure, ease
+from hotice.control.pickup.memory import Motion, PickupMemory
 from hotice.control.whole_body.terms import HANDS, Terms
+from hotice.errors import PickInfeasible
 
 Array = NDArray[np.float64]
 FIRST_SQUEEZE_N, FIRST_SQUEEZE_N_PER_S = 25.0, 20.0  # while the hands look for the object
@@ -31,9 +34,15 @@ class Phases:
         self, config: PickupConfig, planner: Planner, departure: Departure, squeeze_n: float, true: Terms, ref: Terms
     ) -> None:
         self.config, self.planner, self.departure, self.squeeze_n = config, planner, departure, squeeze_n
-        self.plans = Plans(planner)
         self._true, self._ref = true, ref
         self._carried = planner.carried
+
+    def foresee(self, memory: PickupMemory, m: Measurement) -> None:
+        """Plans for the object as it is seen before the first step; what hinders is told when it is time to go."""
+        try:
+            memory.plan = self._plan_for(memory, m)
+        except PickInfeasible:
+            memory.plan = None
 
     def advance(self, memory: PickupMemory, m: Measurement) -> Motion:
         """One step: moves `memory` on, its reference included."""
@@ -156,8 +165,19 @@ class Phases:
         memory.log.append((m.time_s, phase, note))
 
     def _begin(self, memory: PickupMemory, m: Measurement) -> None:
-        memory.failure = self.plans.choose(memory, m)
+        try:
+            memory.plan, memory.failure = self._plan_for(memory, m), ""
+        except PickInfeasible as error:
+            memory.failure = str(error)
         self._enter(memory, m, "stand" if memory.failure else "crouch", memory.failure)
+
+    def _plan_for(self, memory: PickupMemory, m: Measurement) -> PickPlan:
+        """The plan that is there, if it fits what is seen, else a new one. Raises `PickInfeasible`."""
+        if m.p_WO is None or m.quat_WO is None:
+            raise PickInfeasible("the object is not seen")
+        if memory.plan is not None and self.planner.fits(memory.plan, memory.start, m.p_WO, m.quat_WO):
+            return memory.plan
+        return self.planner.plan(memory.start, m.p_WO, m.quat_WO)
 
     def _missed(self, memory: PickupMemory, m: Measurement, why: str) -> None:
         if memory.attempt >= self.config.attempts:
@@ -182,6 +202,13 @@ class Phases:
     def _step_off(self, memory: PickupMemory, m: Measurement, phase: str, departure: Departure) -> None:
         self._enter(memory, m, phase)
         stepping.begin(memory, self._true, self._ref, self._carried.mass_kg, departure)
+
+
+def along(pin: Any, model: Any, knots: Array, share: float) -> Array:
+    """Configuration at `share` of the way through `knots` (K, 27), equally spaced in time, eased at both ends."""
+    place = ease(share) * (len(knots) - 1)
+    i = min(int(place), len(knots) - 2)
+    return pin.interpolate(model, knots[i], knots[i + 1], place - i)
 
 
 def _plan(memory: PickupMemory) -> Any:

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from hotice.control.controller import Measurement
 from hotice.control.pickup.footwork import Departure, plan_steps
-from hotice.control.pickup.memory import PickupMemory
-from hotice.control.pickup.motion import Motion
+from hotice.control.pickup.memory import Motion, PickupMemory
 from hotice.control.whole_body.terms import FEET, HANDS, Terms
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 

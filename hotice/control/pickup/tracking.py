@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.control.pickup.memory import PickupMemory
-from hotice.control.pickup.motion import Motion
+from hotice.control.pickup.memory import Motion, PickupMemory
 from hotice.control.whole_body.contacts import GRAVITY, Contacts
 from hotice.control.whole_body.tasks import Targets
 from hotice.control.whole_body.terms import FEET, HANDS, LEFT_HAND, PELVIS, Terms

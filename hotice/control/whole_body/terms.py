@@ -7,14 +7,14 @@ a are Pinocchio's: twist of the pelvis in its own frame (linear, angular), then 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.compiled import compiled
 from hotice.control.controller import Measurement
-from hotice.errors import InvalidConfig
+from hotice.errors import InvalidConfig, MissingExtra
 from hotice.model import builder, g1
 
 if TYPE_CHECKING:
@@ -32,10 +32,9 @@ _SOURCE = ("pelvis_site", "left_ankle_roll_link", "right_ankle_roll_link", "left
 
 def robot_model(wrist_pos: ArrayLike | None = None) -> pinocchio.Model:
     """The robot with free base and 20 joints, waist locked at zero and wrists at `wrist_pos` (6,) [rad], default
-    zero.
+    zero. Raises `MissingExtra` without Pinocchio.
     """
-    import pinocchio as pin
-
+    pin = _pinocchio()
     wrist = np.zeros(6) if wrist_pos is None else np.asarray(wrist_pos, dtype=float)
     if wrist.shape != (6,) or not np.isfinite(wrist).all():
         raise InvalidConfig(
@@ -49,6 +48,14 @@ def robot_model(wrist_pos: ArrayLike | None = None) -> pinocchio.Model:
     for name, angle in zip(g1.WRIST_JOINTS, wrist, strict=True):
         q[model.joints[model.getJointId(name)].idx_q] = angle
     return pin.buildReducedModel(model, [model.getJointId(name) for name in g1.LOCKED_JOINTS], q)
+
+
+def _pinocchio() -> Any:
+    try:
+        import pinocchio
+    except ModuleNotFoundError:
+        raise MissingExtra("whole-body control", "Pinocchio", "drake") from None
+    return pinocchio
 
 
 def torque_limits() -> Array:
@@ -71,9 +78,7 @@ class Terms:
     """
 
     def __init__(self, wrist_pos: ArrayLike | None = None) -> None:
-        import pinocchio as pin
-
-        self._pin = pin
+        self._pin = pin = _pinocchio()
         self.model = model = robot_model(wrist_pos)
         if tuple(model.names)[2:] != g1.ACTION_JOINTS:
             raise InvalidConfig(

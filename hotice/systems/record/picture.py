@@ -25,7 +25,7 @@ AHEAD, BACK = 0.28, 0.22
 """How far wires bend that pass over systems, and those that lead back, per length."""
 
 
-def write_html(meshcat: Any, path: str | Path) -> Path:
+def write_station_page(meshcat: Any, path: str | Path) -> Path:
     """Writes what a Meshcat shows, its recording included, as one page that needs no server. Raises `OutputError`."""
     return write_text(path, meshcat.StaticHtml())
 

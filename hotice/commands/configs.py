@@ -1,0 +1,199 @@
+"""Options of the commands, by name: those of training and evaluation, which have homes of their own, and the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal, get_type_hints
+
+import tyro
+
+from hotice.commands.recipes import ReproduceConfig
+from hotice.errors import InvalidConfig
+from hotice.evaluate.config import EvaluateConfig
+from hotice.learn.distill.config import DistillConfig, FinetuneConfig
+from hotice.learn.train.config import TrainConfig
+from hotice.task.config import TaskConfig
+
+Flat = tyro.conf.OmitArgPrefixes
+"""Options on a command line carry no names of the groups they belong to."""
+BENCHMARK_BLOCK = 10
+"""Control steps that environment and bare physics are timed for in turn."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportConfig:
+    """One export."""
+
+    policy: Path
+    """Checkpoint folder, or a run (its newest checkpoint)."""
+    out: Path
+    """ONNX file to write."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeConfig:
+    """One average of branches."""
+
+    parts: tuple[Path, ...]
+    """Checkpoint folders, or runs (their newest checkpoints), that went on from the same networks."""
+    out: Path
+    """Folder of the run to write: one checkpoint."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayConfig:
+    """Rollouts to look at."""
+
+    policy: str = "student"
+    """Shipped policy by name, .onnx file, checkpoint folder or run; for other controllers than `policy` a name or .onnx
+    file."""
+    controller: Literal["policy", "walk", "pickup", "pickup_then_policy"] = "policy"
+    """Who carries: the policy from a carry state; the walking baseline; the pick-up from a table alone, or followed by
+    the policy, for which the walking baseline steps in where the policy's rehearsal fails, and no one where the walk's
+    does too. All but `policy` need Drake."""
+    scenes: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--scene"])] = ("open_floor",)
+    """Scene names, files or folders."""
+    seconds: float = 10.0
+    """Longest run of a controller other than `policy`, after the pick-up where there is one."""
+    out: Path = Path("replay.html")
+    """Replay page; a picture `.png` of the same name is written beside it."""
+    video: Path | None = None
+    """Film (.mp4) of one rollout; needs imageio-ffmpeg."""
+    video_of: int = 1
+    """Which rollout is filmed, by its number in the printed list."""
+    rollouts: int = 2
+    """Rollouts a scene, each with another object."""
+    seed: int = 0
+    """Seed of objects and starts."""
+    perturbed: bool = True
+    """Noise, delays, pushes and uncertain dynamics as in evaluation; under other controllers than `policy` noise and
+    delays."""
+    protocol: Literal["robot", "paper"] | None = None
+    """Physics and perturbations as in `hotice evaluate` (default: robot); of controller `policy` alone."""
+    failures_first: bool = True
+    """Lists failures before successes, by cause; otherwise scene by scene."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.seconds) and 0.0 < self.seconds <= 120.0):
+            raise InvalidConfig(f"seconds is {self.seconds!r}: above 0 and at most 120 are allowed")
+        if self.out.suffix == ".png":
+            raise InvalidConfig(
+                f"out is {str(self.out)!r}: the picture goes there, give the page another ending (.html)"
+            )
+        if self.video is not None and self.video.suffix != ".mp4":
+            raise InvalidConfig(f"video is {str(self.video)!r}: a film is an .mp4 file")
+        if self.video_of < 1:
+            raise InvalidConfig(f"video_of is {self.video_of!r}: the list begins with 1")
+        if self.video is None and self.video_of != 1:
+            raise InvalidConfig(f"video_of is {self.video_of!r}: nothing is filmed, give the film's file as video")
+        if self.protocol is not None and self.controller != "policy":
+            raise InvalidConfig(
+                f"protocol is {self.protocol!r} and controller {self.controller!r}, which has its own physics: leave it out"
+            )
+        if not self.scenes:
+            raise InvalidConfig("no scenes: at least one name, file or folder is needed")
+        if not 1 <= self.rollouts <= 100:
+            raise InvalidConfig(f"rollouts is {self.rollouts!r}: 1 to 100 are allowed")
+        if not 0 <= self.seed < 2**63:
+            raise InvalidConfig(f"seed is {self.seed!r}: 0 to 2^63 - 1 is needed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PipelineConfig:
+    """One pipeline."""
+
+    config: tyro.conf.Positional[Path]
+    """Pipeline file (YAML)."""
+    workers: int = 1
+    """Jobs at a time on this machine; a cluster runs as many as it has room for."""
+    retries: int = 2
+    """How often a job is tried again when its process dies."""
+    cluster: str | None = None
+    """Ray cluster: its address, or "auto" for the one that this machine belongs to; none: processes of this machine."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.workers <= 1024:
+            raise InvalidConfig(f"workers is {self.workers!r}: 1 to 1024 are allowed")
+        if not 0 <= self.retries <= 1000:
+            raise InvalidConfig(f"retries is {self.retries!r}: 0 to 1000 are allowed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkConfig:
+    """One benchmark."""
+
+    num_envs: tuple[int, ...] = (1024,)
+    """Parallel environments, one measurement each; on a GPU for example 1024 2048 4096 8192 16384."""
+    updates: int = 2
+    """Updates of training that are timed, after one that is not."""
+    steps: int = 50
+    """Control steps that are timed, in blocks of ten that alternate between environment and bare physics."""
+    threads: int = 2
+    """Threads of physics, fields and torch."""
+    scenes: tuple[str, ...] = ("pipe", "gap", "pillars", "table_edge", "beam")
+    """Scenes."""
+    preset: str = "dual_hodpf"
+    """Row of Table I."""
+    physics: str = "mujoco"
+    """Physics backend: "mujoco" on the CPU, "warp" on an NVIDIA GPU (or, slowly, the CPU)."""
+    device: str = "auto"
+    """Device of physics "warp" and of learning; "auto": the GPU for "warp" where there is one, else the CPU."""
+    scan: bool = TaskConfig.scan
+    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields
+    only)."""
+    history: int = TaskConfig.history
+    """Past control steps of which the actors also read joints, IMU and actions (ours)."""
+    perturbed: bool = TrainConfig.perturbed
+    """Noise, delays, pushes and uncertain dynamics as for students (zero otherwise, or as given one by one)."""
+    out: Path | None = None
+    """Report file (JSON)."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("steps", BENCHMARK_BLOCK), ("updates", 1), ("threads", 1)):
+            if getattr(self, name) < least:
+                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least {least} is needed")
+        if not self.num_envs:
+            raise InvalidConfig("num_envs is empty: at least one number of environments is needed")
+        for num_envs in self.num_envs:
+            self.training(num_envs)
+
+    def training(self, num_envs: int) -> TrainConfig:
+        """What is trained; raises `InvalidConfig` or `UnknownName`."""
+        return TrainConfig(
+            num_envs=num_envs,
+            preset=self.preset,
+            scenes=self.scenes,
+            physics=self.physics,
+            device=self.device,
+            threads=self.threads,
+            seed=0,
+            perturbed=self.perturbed,
+            task=replace(TrainConfig().task, scan=self.scan, history=self.history),
+        )
+
+
+OPTIONS: Mapping[str, type] = {
+    "train": TrainConfig,
+    "distill": DistillConfig,
+    "finetune": FinetuneConfig,
+    "pipeline": PipelineConfig,
+    "evaluate": EvaluateConfig,
+    "reproduce": ReproduceConfig,
+    "merge": MergeConfig,
+    "export": ExportConfig,
+    "play": PlayConfig,
+    "benchmark": BenchmarkConfig,
+}
+"""Types of the options of each command that has any; `hotice scene` is a group of its own."""
+
+
+def field_names(config: type) -> set[str]:
+    """Names of all options of a type, those of its groups included."""
+    hints, names = get_type_hints(config), set()
+    for each in fields(config):
+        kind = hints[each.name]
+        names |= field_names(kind) if is_dataclass(kind) and isinstance(kind, type) else {each.name}
+    return names

@@ -1,0 +1,81 @@
+"""Leaving the robot's own controller, so that it listens to ours: calls to its motion switcher.
+
+Releasing makes the robot limp at once, wherever it stands. What the robot does when it is selected again is as bad, so
+that there is no call for it here; the maker's app or a restart brings the robot's own controller back.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Protocol
+
+from hotice.deploy.clock import Clock
+from hotice.deploy.link.protocol import LinkError
+from hotice.deploy.messages.rpc import Response
+
+SERVICE = "motion_switcher"
+CHECK, RELEASE = 1001, 1003
+TIMEOUT_S = 5.0
+
+
+class ServiceError(LinkError):
+    """A call to the robot that was not answered, or answered with an error or nonsense."""
+
+
+class Service(Protocol):
+    """Calls to one of the robot's services."""
+
+    def call(self, api_id: int, parameter: str, timeout_s: float) -> Response:
+        """The answer, whatever its code. Raises `ServiceError` after `timeout_s` without one."""
+        ...
+
+
+def active_controller(service: Service, *, timeout_s: float = TIMEOUT_S) -> str:
+    """Name of the robot's own controller that commands the motors, "" if none does. Raises `ServiceError`."""
+    answer = _called(service, CHECK, timeout_s)
+    try:
+        data = json.loads(answer.data)
+    except (ValueError, RecursionError) as error:
+        raise ServiceError(f"the motion switcher answered {answer.data[:80]!r}: JSON is needed ({error})") from None
+    name = data.get("name") if isinstance(data, dict) else None
+    if not isinstance(name, str):
+        raise ServiceError(f"the motion switcher answered {answer.data[:80]!r}: an object with a text 'name' is needed")
+    return name
+
+
+def leave_high_level(
+    service: Service, clock: Clock, *, robot_is_held: bool, timeout_s: float = TIMEOUT_S, pause_s: float = 0.5
+) -> int:
+    """Releases the robot's own controllers until none is active; how many calls that took.
+
+    Args:
+        service: the motion switcher
+        robot_is_held: somebody has made sure that it hangs or sits: it goes limp at once
+        clock: for the pause after a release and the timeout
+        timeout_s: for each check, and until the last release [s]
+        pause_s: after each release [s]
+
+    Raises:
+        LinkError: the robot is not held
+        ServiceError: no answer, or a controller still active after `timeout_s`
+    """
+    if robot_is_held is not True:
+        raise LinkError("releasing the robot's own controller makes it limp at once: hang or seat it first")
+    end_s, calls = clock.now() + timeout_s, 0
+    while name := active_controller(service, timeout_s=timeout_s):
+        left_s = end_s - clock.now()
+        if left_s <= 0.0:
+            raise ServiceError(
+                f"the robot's controller {name!r} is still active after {timeout_s:g} s and {calls} releases"
+            )
+        _called(service, RELEASE, left_s)
+        calls += 1
+        clock.sleep(pause_s)
+    return calls
+
+
+def _called(service: Service, api_id: int, timeout_s: float) -> Response:
+    answer = service.call(api_id, "{}", timeout_s)
+    if answer.code != 0:
+        raise ServiceError(f"the motion switcher answered call {api_id} with error {answer.code}: 0 is success")
+    return answer

@@ -1,0 +1,58 @@
+import pytest
+
+from hotice.deploy.clock import SimulatedClock
+from hotice.deploy.link.protocol import LinkError
+from hotice.deploy.messages.rpc import Response
+from hotice.deploy.switcher import ServiceError, active_controller, leave_high_level
+
+
+class Switcher:
+    """The robot's service as far as it is known: a name until it was released `stubborn` times."""
+
+    def __init__(self, stubborn=1, code=0, data=None):
+        self.left, self.code, self.data, self.calls = stubborn, code, data, []
+
+    def call(self, api_id, parameter, timeout_s):
+        assert parameter == "{}" and timeout_s > 0.0
+        self.calls.append(api_id)
+        if api_id == 1003:
+            self.left -= 1
+        name = "ai" if self.left > 0 else ""
+        data = f'{{"form":"0","name":"{name}"}}' if self.data is None else self.data
+        return Response(id=1, api_id=api_id, code=self.code, data=data)
+
+
+def test_which_controller_is_active():
+    assert active_controller(Switcher()) == "ai" and active_controller(Switcher(stubborn=0)) == ""
+
+
+@pytest.mark.parametrize("releases", [0, 1, 3])
+def test_releases_until_none_is_active(releases):
+    switcher = Switcher(stubborn=releases)
+    assert leave_high_level(switcher, SimulatedClock(), robot_is_held=True) == releases
+    assert switcher.calls == [1001] + [1003, 1001] * releases
+
+
+@pytest.mark.parametrize("held", [False, None, 1])
+def test_a_robot_that_is_not_held_is_not_released(held):
+    switcher = Switcher()
+    with pytest.raises(LinkError, match="limp"):
+        leave_high_level(switcher, SimulatedClock(), robot_is_held=held)
+    assert switcher.calls == []
+
+
+def test_a_controller_that_stays():
+    with pytest.raises(ServiceError, match="'ai' is still active after 5 s and 10 releases"):
+        leave_high_level(Switcher(stubborn=99), SimulatedClock(), robot_is_held=True)
+
+
+@pytest.mark.parametrize("data", ["", "ai", "[]", '{"form":"0"}', '{"name":3}', "[" * 100_000])
+def test_nonsense_is_no_released_robot(data):
+    """Else an answer that cannot be read would pass for "no controller active"."""
+    with pytest.raises(ServiceError):
+        leave_high_level(Switcher(data=data), SimulatedClock(), robot_is_held=True)
+
+
+def test_errors_of_the_service():
+    with pytest.raises(ServiceError, match="call 1001 with error 7"):
+        active_controller(Switcher(code=7))
