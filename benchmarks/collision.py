@@ -215,7 +215,8 @@ def print_cover(exact: np.ndarray, cover: np.ndarray, console: Console) -> bool:
     deepest = float(-exact[cover >= 0].min(initial=0.0))
     good = deepest <= BAR_DEPTH_M
     console.print(
-        f"bar: no missed penetration deeper than {1e3 * BAR_DEPTH_M:g} mm: {'ok' if good else 'MISSED'} ({1e3 * deepest:.1f})"
+        f"bar: no missed penetration deeper than {1e3 * BAR_DEPTH_M:g} mm: "
+        f"{'ok' if good else 'MISSED'} ({1e3 * deepest:.1f})"
     )
     return good
 

@@ -111,8 +111,9 @@ def main() -> None:
         spent["environment"] += time.process_time() - begin
     count = args.num_envs * args.steps
     print(
-        f"{1e3 * args.physics_dt_s:g} ms {' '.join(args.variant) or 'as it is'}: {count / spent['environment']:.0f} environment "
-        f"steps/s of one core, {1e6 * spent['physics'] / count:.0f} of {1e6 * spent['environment'] / count:.0f} µs are physics"
+        f"{1e3 * args.physics_dt_s:g} ms {' '.join(args.variant) or 'as it is'}: "
+        f"{count / spent['environment']:.0f} environment steps/s of one core, "
+        f"{1e6 * spent['physics'] / count:.0f} of {1e6 * spent['environment'] / count:.0f} µs are physics"
     )
 
 

@@ -40,7 +40,8 @@ class Draw:
 
     def __str__(self) -> str:
         size = " x ".join(f"{200 * h:.0f}" for h in self.carried.half_extents_m)
-        return f"{size} cm {self.carried.mass_kg:.1f} kg, table {self.top_m:.2f} m at {np.degrees(self.bearing_rad):+.0f} deg"
+        table = f"table {self.top_m:.2f} m at {np.degrees(self.bearing_rad):+.0f} deg"
+        return f"{size} cm {self.carried.mass_kg:.1f} kg, {table}"
 
 
 def draw(rng: np.random.Generator) -> Draw:

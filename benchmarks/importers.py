@@ -80,7 +80,8 @@ def lzf_literals(data: bytes) -> bytes:
 
 def write_files(folder: Path, points: np.ndarray) -> list[Path]:
     count, rows = len(points), points.astype("<f4")
-    header = f"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {count}\nHEIGHT 1\nPOINTS {count}\nDATA "
+    fields = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+    header = f"{fields}WIDTH {count}\nHEIGHT 1\nPOINTS {count}\nDATA "
     columns = np.ascontiguousarray(rows.T).tobytes()
     packed = lzf_literals(columns)
     text = "\n".join(f"{x:.5f} {y:.5f} {z:.5f}" for x, y, z in points.tolist()).encode() + b"\n"

@@ -208,7 +208,8 @@ def main() -> None:
         console.print(f"  {count} x {cause}")
     if good:
         console.print(
-            f"  {np.mean([r.seconds for r in good]):.1f} s per pick, {sum(r.attempts > 1 for r in good)} after a retry, "
+            f"  {np.mean([r.seconds for r in good]):.1f} s per pick, "
+            f"{sum(r.attempts > 1 for r in good)} after a retry, "
             f"{sum(r.faults for r in results)} faults of the solver; wall {time.perf_counter() - begin:.0f} s"
         )
 

@@ -25,13 +25,13 @@ from rich.table import Table
 
 from hotice.files import write_text
 from hotice.model import g1, load_scene
+from hotice.model.joint_limits import torque_limits
 from hotice.policy import PerceptModel
 from hotice.policy.guidance import read_fields
 from hotice.policy.observation import Carrying, observe, remember
 from hotice.systems import StationConfig, make_station
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.policy import next_action
-from hotice.systems.signals import torque_limits
 from hotice.systems.state_adaptor import robot_state_of_mujoco
 from hotice.systems.station.make import Station
 from hotice.task import history
@@ -48,7 +48,7 @@ class PlainLoop:
         self.percept = PerceptModel(station.carry.carried)
         self.carrying = Carrying.of(station.carry)
         self.kp, self.kd = g1.gains()
-        self.limit, self.scale = torque_limits(), station.task.action_scale
+        self.limit, self.scale = torque_limits(g1.ACTION_JOINTS), station.task.action_scale
 
     def run(self, seconds: float) -> np.ndarray:
         """From the start; returns qpos."""

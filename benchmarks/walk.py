@@ -110,7 +110,8 @@ def report(console: Console, results: dict[str, list[Trial]], horizon_s: float) 
         groups.setdefault(category(name), []).extend(trials)
     for title, rows in (("by scene", results), ("by category", groups)):
         table = Table(
-            title=f"walking baseline, {title}: success and mean distance when scored at {PAPER_S:g} s and at {horizon_s:g} s"
+            title=f"walking baseline, {title}: success and mean distance when scored "
+            f"at {PAPER_S:g} s and at {horizon_s:g} s"
         )
         for column in (
             "scene",

@@ -48,7 +48,7 @@ def _cache_folder() -> Path:
 
 
 def _digest() -> str:
-    """Of the sources of all modules that compile."""
+    """Digest of the sources of all modules that compile."""
     digest = hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*.py")):
         text = path.read_bytes()

@@ -90,10 +90,13 @@ def main(argv: list[str] | None = None) -> int:
     """Command line; a `HoticeError` is printed on one line and gives status 2."""
     import tyro
 
+    from hotice.commands.help_text import unbroken_help
     from hotice.errors import HoticeError
 
     try:
-        run(tyro.cli(DemoConfig, args=argv, prog="python -m hotice.demo", description=__doc__))
+        with unbroken_help():
+            config = tyro.cli(DemoConfig, args=argv, prog="python -m hotice.demo", description=__doc__)
+        run(config)
     except HoticeError as error:
         print(f"hotice: {error}".replace("\n", " "), file=sys.stderr)
         return 2

@@ -1,5 +1,4 @@
-"""Failures that a user can mend though no one raised a `HoticeError`: out of memory, a disk that is full or cannot be
-written.
+"""Failures that a user can mend though they are no `HoticeError`: no memory left, a disk full or not writable.
 
 They can come from anywhere (an allocation in torch, a log, a cache), so they are told apart at the end, by what they
 are.

@@ -1,4 +1,4 @@
-"""Which source a run or policy came from."""
+"""Version of the source that a run or policy came from."""
 
 from __future__ import annotations
 

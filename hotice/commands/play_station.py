@@ -1,6 +1,4 @@
-"""Stations to look at: `hotice play --controller walk|pickup|pickup_then_policy`. Drake is imported here only, when
-asked for.
-"""
+"""Stations to look at: `hotice play --controller walk|pickup|pickup_then_policy`. Drake is imported only for them."""
 
 from __future__ import annotations
 
@@ -28,8 +26,7 @@ DRAWS = 20
 
 
 def record_stations(config: PlayConfig, scenes: Iterable[Scene]) -> list[RolloutRecord]:
-    """Runs `config.rollouts` stations a scene, each with another box and table, and says who carried on after each
-    pick-up.
+    """Records of `config.rollouts` stations per scene, each with another box and table; prints who carried on.
 
     Raises `HoticeError`: `MissingExtra` without Drake, scenes without room for a table.
     """
@@ -52,7 +49,7 @@ def record_stations(config: PlayConfig, scenes: Iterable[Scene]) -> list[Rollout
     if told:
         handed, held = (sum(report.time_s is not None and report.held == h for report in told) for h in (False, True))
         walked = sum(report.fell_back for report in told)
-        print(f"hand-overs: {handed} of {len(told)}; fallbacks to walk: {walked}; held, neither being fit: {held}")
+        print(f"hand-overs: {handed} of {len(told)}; fallbacks to walk: {walked}; kept holding: {held}")
     return [run.record for run in runs]
 
 

@@ -1,6 +1,4 @@
-"""Command line of hotice, also as `python -m hotice.learn`: training, students, evaluation, tables, replays, `hotice
-scene`.
-"""
+"""Command line of hotice, also `python -m hotice.learn`: training, evaluation, tables, replays, scenes."""
 
 from __future__ import annotations
 
@@ -38,14 +36,16 @@ def _run(argv: list[str]) -> int:
     import tyro
 
     from hotice.commands import table as commands
+    from hotice.commands.help_text import unbroken_help
 
-    return tyro.extras.subcommand_cli_from_dict(commands.COMMANDS, args=argv, prog="hotice", description=__doc__) or 0
+    with unbroken_help():
+        return (
+            tyro.extras.subcommand_cli_from_dict(commands.COMMANDS, args=argv, prog="hotice", description=__doc__) or 0
+        )
 
 
 def _drop_unwritten() -> None:
-    """Where standard output cannot be written, what waits to be written goes nowhere: else Python complains at its
-    exit.
-    """
+    """Discards buffered output where standard output cannot be written; Python would complain about it at exit."""
     try:
         sys.stdout.flush()
     except OSError:

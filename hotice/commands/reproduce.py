@@ -1,5 +1,4 @@
-"""The paper's tables and its figure of unseen scenes, from given policies or, on a small budget, from ones trained
-here.
+"""The paper's tables and its figure of unseen scenes, from given policies or from ones trained here on a small budget.
 
 Everything is kept in one folder: runs, reports, similarities, `tables.md`, `tables.json`, `unseen.png`. The same
 command goes on where it was interrupted.

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from hotice import checks
+from hotice.checks import Range
+from hotice.commands.help_text import unbroken_help
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable
 from hotice.model.importers.front3d_scenes import Front3dConfig
@@ -54,8 +57,7 @@ class ShowConfig:
     """Draw the robot where it starts."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.port < 65536:
-            raise InvalidConfig(f"port is {self.port!r}: 0 to 65535 are allowed")
+        checks.whole("port", self.port, Range(least=0, most=65535))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,7 +199,8 @@ COMMANDS = {
 
 def main(argv: Sequence[str]) -> int:
     """Runs `hotice scene`; the caller reports a `HoticeError`."""
-    return tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="hotice scene", description=__doc__) or 0
+    with unbroken_help():
+        return tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="hotice scene", description=__doc__) or 0
 
 
 def _resolve(items: Sequence[str]) -> list[Scene]:

@@ -1,4 +1,4 @@
-"""Where the time of a program goes, by label, without touching the code that is measured."""
+"""Time of a program by label, measured without touching its code."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ def reward_table() -> str:
     rows.append(f"| S | termination | {TERMINATION_PENALTY:g} once | An episode ends by a failure | ours |")
     rows += [
         "",
-        f"Cosines are softened, a·b / ((|a| + ε)(|b| + ε)) with ε = {SPEED_EPS:g} m/s, and fade out within {FADE_M:g} m "
-        "of the goal; the object's field is taken at the commanded speed, F·speed/η. Both are ours: see "
+        f"Cosines are softened, a·b / ((|a| + ε)(|b| + ε)) with ε = {SPEED_EPS:g} m/s, and fade out within "
+        f"{FADE_M:g} m of the goal; the object's field is taken at the commanded speed, F·speed/η. Both are ours: see "
         "`docs/notation.md`.",
     ]
     return "\n".join(rows)

@@ -42,9 +42,7 @@ def unseen_markdown(result: dict[str, Any]) -> str:
 
 
 def draw_unseen(result: dict[str, Any], path: Path) -> Path:
-    """Writes the figure (PNG): both measures against similarity, groups by marker, each with its line, shaded by ±
-    RMSE.
-    """
+    """Figure (PNG): both measures against similarity, groups by marker, each with its line and a band of ± RMSE."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

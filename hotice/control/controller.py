@@ -1,4 +1,4 @@
-"""What every controller takes, keeps and gives: measurement and memory in, command and new memory out.
+"""Contract of every controller: measurement and memory in, command and new memory out.
 
 A controller itself never changes after construction: all that lasts from step to step is its memory, a dataclass that
 can be deep-copied. A Drake Context can therefore hold the memory and clone it, and a replay from a copy repeats itself.

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
-from hotice.control.whole_body.terms import torque_limits
 from hotice.model import g1
 from hotice.model.joint_friction import set_friction_reference
+from hotice.model.joint_limits import torque_limits
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ def drive_by_torque(model: mujoco.MjModel) -> None:
     The motors of a perturbed model (`hotice.model.dynamics`) keep their strength: a command gives as much more or less
     torque.
     """
-    model.actuator_gainprm[:, 0] = model.actuator_forcerange[:, 1] / torque_limits()
+    model.actuator_gainprm[:, 0] = model.actuator_forcerange[:, 1] / torque_limits(g1.ACTION_JOINTS)
     model.actuator_biasprm[:, :3] = 0.0
     set_friction_reference(model)
 

@@ -26,11 +26,11 @@ FIELDS = ("q", "dq", "tau", "kp", "kd")
 
 
 class UnsafeCommand(HoticeError):
-    """A command with a number that is not finite or outside the robot's limits; names the joint, the value, the range."""
+    """A command with a number that is not finite or outside the robot's limits; names joint, value and range."""
 
 
 class Limits(NamedTuple):
-    """Bounds of a command, each (29,), in the order of `g1.ALL_JOINTS`, rounded to what a message can hold (float32)."""
+    """Bounds of a command, each (29,), in the order of `g1.ALL_JOINTS`, rounded to what a message can hold: float32."""
 
     lower: np.ndarray
     """[rad]"""

@@ -1,4 +1,4 @@
-"""Who carries in an evaluation: a policy, or the walking baseline, which is planned from a model."""
+"""Carriers in an evaluation: a policy, or the walking baseline, which is planned from a model."""
 
 from __future__ import annotations
 
@@ -22,9 +22,7 @@ WALK_NEEDS = ("pinocchio", "proxsuite")
 
 
 def load_carrier(config: EvaluateConfig) -> Carrier:
-    """Whom an evaluation scores. Raises `CheckpointError`, `UnknownName`, and `MissingExtra` where the walk cannot
-    run.
-    """
+    """The carrier that is scored. Raises `CheckpointError` or `UnknownName`; `MissingExtra` if the walk cannot run."""
     if config.policy is not None:
         return load_policy(config.policy, threads=1)
     for package in WALK_NEEDS:
@@ -51,8 +49,9 @@ def policy_digest(policy: Policy) -> str:
 
 
 def described(carrier: Carrier) -> dict[str, Any]:
-    """What a report says of a carrier, JSON-ready; `policy` and `preset` of the walk are None, its numbers are under
-    `walk`.
+    """Description of a carrier for a report, JSON-ready.
+
+    For the walk `policy` and `preset` are None and its numbers stand under `walk`.
     """
     if isinstance(carrier, WalkConfig):
         return {"controller": "walk", "policy": None, "trained": {}, "preset": None, "walk": asdict(carrier)}

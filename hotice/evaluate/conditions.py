@@ -39,7 +39,7 @@ class Conditions:
     perturbed: bool = True
     """Whether the perturbations act."""
     without: tuple[str, ...] = ()
-    """Of these, what is switched off."""
+    """Sources of perturbation that are switched off."""
     horizon_s: float = 5.0
     """Time limit (paper: 5 s)."""
 
@@ -57,8 +57,7 @@ class Conditions:
         return get_protocol(self.protocol).physics
 
     def task(self, trained: dict[str, Any]) -> TaskConfig:
-        """The task that a policy was trained on, as trials need it: from the scene's start, ended by nothing but fall
-        or drop.
+        """The policy's training task as trials need it: from the scene's start, ended by fall or drop only.
 
         The time limit is longer than the trial's by `STAY_S`, see `hotice.evaluate.referees.afterwards`; `limit` has
         the trial's.
@@ -93,8 +92,7 @@ def start_trials(
     preset: str = "dual_hodpf",
     threads: int = 1,
 ) -> TransportEnv:
-    """Trials `first` .. `first + len(states)` of a scene, to be started by `reset`, each with its carry state and own
-    robot.
+    """Trials `first` .. `first + len(states)` of a scene, ready for `reset`, each with its carry state and robot.
 
     Nothing that ends is started anew. Robots and starts depend on seed, scene, `first` and how many trials there are,
     not on who carries; `trained`: the task that a policy was trained on.

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.referees import REFEREES, check_referees
@@ -21,8 +23,8 @@ class EvaluateConfig:
     """One evaluation."""
 
     policy: str | None = None
-    """Shipped policy by name, .onnx file, checkpoint folder or run; needed with, and only with, `policy` as the
-    controller."""
+    """Shipped policy by name, .onnx file, checkpoint folder or run; required for --controller policy, refused
+    otherwise."""
     controller: Literal["policy", "walk"] = "policy"
     """Who carries: a policy, or the model-based walking baseline, which reads the exact state (needs --no-perturbed,
     and the packages of the extra `drake`)."""
@@ -46,8 +48,8 @@ class EvaluateConfig:
     perturbed: bool = True
     """Noise, delays, pushes and uncertain dynamics of the protocol."""
     without: tuple[str, ...] = ()
-    """Of these, what is switched off, to see what it costs: sensor-noise, object-noise, delay, root-rate, pushes,
-    dynamics."""
+    """Sources of perturbation to switch off, to see what they cost: sensor-noise, object-noise, delay, root-rate,
+    pushes, dynamics."""
     shapes: tuple[str, ...] = ("box",)
     """Shapes of the carried objects."""
     size_m: tuple[float, float] = (0.20, 0.40)
@@ -65,14 +67,10 @@ class EvaluateConfig:
 
     def __post_init__(self) -> None:
         self._check_carrier()
-        if not 0.02 <= self.horizon_s <= LONGEST_S:  # also false for NaN
-            raise InvalidConfig(f"horizon_s is {self.horizon_s!r}: 0.02 (a control step) to {LONGEST_S:g} are allowed")
-        for name in ("rollouts", "batch", "objects"):
-            if getattr(self, name) < 1:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
-        for name in ("seed", "threads"):
-            if not 0 <= getattr(self, name) < 2**63:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
+        horizon = Range(least=0.02, most=LONGEST_S, unit="s", note="0.02: a control step")
+        checks.number("horizon_s", self.horizon_s, horizon)
+        checks.wholes(self, checks.COUNT, "rollouts", "batch", "objects")
+        checks.wholes(self, checks.INT64, "seed", "threads")
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
         check_referees(self.referees)
@@ -105,6 +103,6 @@ class EvaluateConfig:
             )
         if self.controller == "walk" and self.perturbed:
             raise InvalidConfig(
-                "perturbed is True: the walking baseline reads the exact state, it is not evaluated under noise, delays and "
-                "pushes: give --no-perturbed, also to the policies that it is compared with"
+                "perturbed is True: the walking baseline reads the exact state, it is not evaluated under noise, "
+                "delays and pushes: give --no-perturbed, also to the policies that it is compared with"
             )

@@ -49,8 +49,8 @@ def score_blocks(
                 yield waiting.pop(future), future.result()
     except BrokenProcessPool:
         raise SimulationError(
-            "a process of the evaluation died (out of memory, or killed): run the same command again; with --out, finished "
-            "blocks are kept; fewer --threads or a smaller --batch need less memory"
+            "a process of the evaluation died (out of memory, or killed): run the same command again; with --out, "
+            "finished blocks are kept; fewer --threads or a smaller --batch need less memory"
         ) from None
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

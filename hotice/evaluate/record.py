@@ -46,8 +46,7 @@ def record_rollouts(
     after_s: float = 0.0,
     threads: int = 0,
 ) -> list[RolloutRecord]:
-    """One rollout for each carry state, the same as a trial of `evaluate`, recorded until `after_s` past its end, at
-    most 5 s.
+    """One rollout per carry state, the same as a trial of `evaluate`, recorded to `after_s` past its end, at most 5 s.
 
     `conditions`: physics and perturbation, by default of the protocol `robot` without perturbation. What follows a fall
     or a drop is not shown, nor a diverged simulation. Raises `InvalidConfig` without states, `CheckpointError` for a

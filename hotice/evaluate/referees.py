@@ -1,4 +1,4 @@
-"""Who decides how a trial went, and what: pure functions of what was seen in each control step.
+"""Referees, who decide how a trial went: pure functions of what was seen in each control step.
 
 Both referees know the same events, and the first one decides, within a step by `hotice.task.rules.PRECEDENCE`. They
 differ in what a collision is:
@@ -75,9 +75,7 @@ class Signals:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Outcome of N trials and its time: code (N,) index into `OUTCOMES`, step (N,) control step of the first event,
-    from 1.
-    """
+    """Outcome of N trials: code (N,) index into `OUTCOMES`, step (N,) control step of the first event, from 1."""
 
     code: np.ndarray
     step: np.ndarray
@@ -117,9 +115,7 @@ def _first(signals: Signals, limit: int, robot: np.ndarray, load: np.ndarray) ->
 
 
 def deepest(signals: Signals, verdict: Verdict) -> np.ndarray:
-    """How deep parts of the robot were in each other at most before each trial's end, (N,) [m]; self contact ends no
-    trial.
-    """
+    """Deepest self-penetration before each trial's end, (N,) [m]; self contact ends no trial."""
     before = np.arange(len(signals.self_depth_m))[:, None] < verdict.step
     return np.where(before, signals.self_depth_m, 0.0).max(axis=0)
 

@@ -38,8 +38,9 @@ class TrialSeeds:
         return [np.random.default_rng([self.seed, ROBOTS, self.scene, first + i]) for i in range(count)]
 
     def objects(self, rollouts: int, pool: int) -> np.ndarray:
-        """Which of `pool` objects each trial carries, (rollouts,) int: shuffled anew each time that all have been
-        carried.
+        """Index of the object (of `pool`) that each trial carries, (rollouts,) int.
+
+        The order is shuffled anew each time that all have been carried.
         """
         rng = np.random.default_rng([self.seed, ORDER, self.scene])
         rounds = [rng.permutation(pool) for _ in range(-(-rollouts // pool))]

@@ -1,4 +1,4 @@
-"""Whether trials of the same number in different scenes are independent: the spread of success over trial numbers.
+"""Independence of trials of the same number in different scenes: the spread of success over trial numbers.
 
 If they are, the mean success over S scenes of one trial number has the variance Σ p (1 − p) / S², p being the rates of
 scenes. If robots, noise or pushes were shared by scenes, lucky numbers would be lucky in all of them, and a report's
@@ -17,8 +17,9 @@ from hotice.evaluate.trials import Trials
 
 
 def spread_ratio(success: ArrayLike) -> float:
-    """Standard deviation over trial numbers of the mean over scenes, over that of independent trials; `success` (S, T)
-    bool.
+    """Spread of the mean over scenes, by trial number, in units of independent trials'; `success` (S, T) bool.
+
+    Both are standard deviations over the trial numbers.
 
     Raises `InvalidConfig` without two trials, or where every scene has a rate of 0 or 1.
     """
@@ -42,7 +43,8 @@ def success_table(evaluations: Sequence[Mapping[str, Trials]], referee: str = "e
         counts = {t.rollouts for t in trials.values()}
         if sorted(trials) != sorted(names) or len(counts) != 1:
             raise InvalidConfig(
-                f"scenes {', '.join(trials)} of {sorted(counts)} trials: all trials of the same scenes are needed each time"
+                f"scenes {', '.join(trials)} of {sorted(counts)} trials: all trials of the same scenes are needed "
+                "each time"
             )
         for row, name in zip(rows, names, strict=True):
             outcome = trials[name].points if referee == "points" else trials[name].outcome

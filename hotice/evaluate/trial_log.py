@@ -1,4 +1,4 @@
-"""What happens in trials that run side by side, step by step, until none has anything left to show."""
+"""Log of trials that run side by side, step by step, until none has anything left to show."""
 
 from __future__ import annotations
 
@@ -58,9 +58,7 @@ class TrialLog:
         return ended
 
     def gaps(self, body_W: Tensor, load_W: Tensor) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest signed distance [m] of points (N, K, 3) of body and load, (N,) each; infinite where it is not
-        needed.
-        """
+        """Lowest signed distance [m] of points (N, K, 3) of body and load, (N,) each; inf where not needed."""
         if "points" not in self.names or not any(s.obstacles for s in self.bank.scenes):
             nowhere = np.full(len(body_W), np.inf)
             return nowhere, nowhere
@@ -70,9 +68,7 @@ class TrialLog:
         return body.amin(dim=1).numpy(), load.amin(dim=1).numpy()
 
     def see_step(self, step: Step) -> int:
-        """Adds a step of an environment that ends nothing at goal or contact; returns how many trials are over with
-        it.
-        """
+        """Adds a step of an environment that ends nothing at goal or contact; returns how many trials it ended."""
         seen, outcome = step.seen, step.outcome.numpy()
         robot_gap_m, object_gap_m = self.gaps(seen.p_WK[:, :BODY_POINTS], seen.p_WOK)
         return self.see(

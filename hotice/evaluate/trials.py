@@ -1,4 +1,4 @@
-"""What came of trials, and where they are kept while an evaluation runs."""
+"""Results of trials, and their storage while an evaluation runs."""
 
 from __future__ import annotations
 
@@ -35,8 +35,7 @@ alone."""
 
 @dataclass(frozen=True, kw_only=True)
 class Trials:
-    """Trials of one scene: outcome (of `OUTCOMES`, or `no_plan`), root to goal at the end [m], and duration [s] of
-    each.
+    """Trials of one scene: outcome (`OUTCOMES` or `no_plan`), root to goal at the end [m], duration [s] of each.
 
     distance_at_limit_m: root to goal at the time limit, of failures at their end. standing, stayed: whether the robot
     has arrived and goes on standing there, see `hotice.evaluate.referees.afterwards`. points: outcome by the points
@@ -86,8 +85,7 @@ class Trials:
         return dict(Counter(self.outcome))
 
     def rates(self) -> dict[str, Any]:
-        """Success rate with its 95 % Wilson interval and mean distance [m]; the same at the time limit; the points
-        rule's view.
+        """Success rate, 95 % Wilson interval, mean distance [m]; also at the time limit and by the points rule.
 
         Of the arrivals, the shares that stand at the limit and that have stayed for a second. None: nobody looked, or
         arrived.

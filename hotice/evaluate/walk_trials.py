@@ -1,5 +1,4 @@
-"""Trials of the walking baseline (`hotice.control.walk`), scored as policies are: same objects, starts, geometry and
-rules.
+"""Trials of the walking baseline (`hotice.control.walk`): same objects, starts, geometry and rules as for policies.
 
 The baseline is driven by torques and planned anew for each trial, so trials run one after another, not as a batch.
 Results are
@@ -43,8 +42,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Trial:
-    """Outcome, its time [s], root to goal then and at 5 s [m], faults and step time of the controller, planned
-    clearance [m].
+    """Outcome of a walk, its time, distances to the goal, faults and step time of the controller, planned clearance.
+
+    Time [s]; root to goal then and at 5 s [m]; step time [ms]; clearance [m].
     """
 
     outcome: str
@@ -73,8 +73,7 @@ def score_walks(
     judges: Sequence[str] = REFEREES,
     on_trials: Callable[[int], None] | None = None,
 ) -> Trials:
-    """A walk in trials `first` .. `first + len(states)` of a scene, see `start_trials`, looked at as often as a
-    policy's.
+    """Trials `first` .. `first + len(states)` of a scene by a walk, see `start_trials`; as often judged as a policy's.
 
     Every other one starts with the right foot. `judges`: referees. `on_trials(1)` is called after each.
     """
@@ -154,8 +153,9 @@ def _fields(scene: Scene, resolution_m: float, margin_m: float) -> HodPf:
 
 
 class Walk:
-    """A walk under way, looked at every `look_s`, at most once a control step. Raises `UnreachableGoal`,
-    `CarryInfeasible`.
+    """Walk under way, judged every `look_s`. Raises `UnreachableGoal` or `CarryInfeasible`.
+
+    A look takes place at most once per control step.
 
     touched: whether robot and object have touched an obstacle in any physics step since the look before, (2,) bool.
     distance_m: root to goal, the last that was a number. faults, step_ms: of the controller. clearance_m: planned.

@@ -1,37 +1,45 @@
-"""How well motion follows a field, and how the field enters the observation (IV-A). Any device, any leading axes."""
+"""Alignment of motion with a field, and the field's place in the observation (IV-A): NumPy or torch, any axes."""
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
+from typing import Any
 
-from hotice.fields.defaults import ETA
+from hotice.arrays import clip, namespace
 
-ENCODE_SCALE = ETA
-"""|F| at which the encoded magnitude is tanh(1) = 0.76: eta, the size of the attractive force alone (ours)."""
+ENCODE_SCALE = 0.6
+"""|F| at which the encoded magnitude is tanh(1) = 0.76 [m/s]: a unit of the observation, fixed for all policies; the
+size of the attractive force alone at the paper's eta (ours)."""
+CLIP_M, DISTANCE_SCALE = (-0.1, 0.5), 2.0
+"""Distances to obstacles are read clipped to this range [m], times this (ours)."""
 
 
-def cosine(a: Tensor, b: Tensor, eps: float = 1e-3) -> Tensor:
+def cosine(a: Any, b: Any, eps: float = 1e-3) -> Any:
     """Cosine of the angle between vectors, (..., 3), (..., 3) -> (...), in [-1, 1].
 
     a.b / ((|a| + eps) (|b| + eps)): zero, with finite gradient, where a vector vanishes, and fading smoothly to it, so
     that the noise of a body at rest scores nothing. `eps` is in the vectors' unit (m/s).
     """
-    return (a * b).sum(dim=-1) / ((_length(a) + eps) * (_length(b) + eps))
+    return (a * b).sum(-1) / ((_length(a) + eps) * (_length(b) + eps))
 
 
-def residual_cosine(field_W: Tensor, v_W: Tensor, c_W: Tensor, eps: float = 1e-3) -> Tensor:
+def residual_cosine(field_W: Any, v_W: Any, c_W: Any, eps: float = 1e-3) -> Any:
     """Cosine between F_object(x) - c and v - c, (..., K, 3), (..., K, 3), (..., 3) -> (..., K) (IV-A)."""
-    c_W = c_W.unsqueeze(-2)
+    c_W = c_W[..., None, :]
     return cosine(field_W - c_W, v_W - c_W, eps)
 
 
-def encode(force: Tensor, scale: float = ENCODE_SCALE, eps: float = 1e-6) -> Tensor:
+def encode(force: Any, scale: float = ENCODE_SCALE, eps: float = 1e-6) -> Any:
     """Unit direction and squashed size tanh(|F| / scale) of forces, (..., 3) -> (..., 4); zeros for a zero force."""
-    size = _length(force)[..., None]
-    return torch.cat([force / (size + eps), torch.tanh(size / scale)], dim=-1)
+    xp, size = namespace(force), _length(force)[..., None]
+    return xp.concat([force / (size + eps), xp.tanh(size / scale)], -1)
 
 
-def _length(v: Tensor) -> Tensor:
+def observed(force_Y: Any, distance_m: Any) -> Any:
+    """What a policy reads of a field at points: `encode` and the clipped distance, (..., 3), (...) -> (..., 5)."""
+    away = DISTANCE_SCALE * clip(distance_m, *CLIP_M)[..., None]
+    return namespace(force_Y).concat([encode(force_Y), away], -1)
+
+
+def _length(v: Any) -> Any:
     """Norm over the last axis with zero (not NaN) gradient at zero."""
-    return (v.square().sum(dim=-1) + 1e-20).sqrt()
+    return namespace(v).sqrt((v * v).sum(-1) + 1e-20)

@@ -23,8 +23,9 @@ from hotice.fields.volumes import Volumes
 
 @dataclass(frozen=True, kw_only=True)
 class Spheres:
-    """S spheres on frames, in M variants that differ in size: frame (S,) int64, centre (M, S, 3) [m] in it, radius (M,
-    S) [m].
+    """S spheres on frames, in M variants that differ in size.
+
+    frame (S,) int64; centre (M, S, 3) [m] in it; radius (M, S) [m].
     """
 
     frame: Tensor

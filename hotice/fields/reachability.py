@@ -1,4 +1,4 @@
-"""Is there a way from start to goal, and if not, why."""
+"""Reachability of the goal from the start, and the reason where there is no way."""
 
 from __future__ import annotations
 

@@ -222,8 +222,9 @@ def _index(u, n):
 
 @compiled(nogil=True, error_model="numpy")
 def distance_within(space, x, y, z, known=0.0, away=np.inf):
-    """Exact signed distance of a point in the grid's box, cut at FAR_M; that of a point `away` from it may be
-    `known`.
+    """Exact signed distance of a point in the grid's box, cut at FAR_M.
+
+    `known`: the distance of a point `away` from it.
     """
     per_m = 1.0 / space.h
     i = _index((x - space.ox) * per_m, space.nx)

@@ -28,9 +28,7 @@ SEED_STRIDE = 1_000_003
 
 
 def start(device: str) -> str:
-    """Joins the other ranks where torchrun has started several; returns the device of this one ("cuda": its own
-    GPU).
-    """
+    """Joins the other ranks if torchrun has started several; returns this rank's device ("cuda": its own GPU)."""
     if int(os.environ.get("WORLD_SIZE", "1")) == 1 or not dist.is_available():
         return device
     if device == "cuda":

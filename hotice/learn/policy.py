@@ -59,9 +59,7 @@ class TorchPolicy:
 
 
 class OnnxPolicy:
-    """An exported policy, run by onnxruntime on the CPU. `content`: of the file, read from `path` when it is not
-    given.
-    """
+    """Exported policy, run by onnxruntime on the CPU; `content`: the file's bytes, read from `path` if not given."""
 
     def __init__(self, path: Path, name: str | None = None, threads: int = 0, content: bytes | None = None) -> None:
         self._session = PolicySession(path, name, threads, content)

@@ -14,7 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import CarryInfeasible, InvalidConfig
+from hotice import checks
+from hotice.checks import Range
+from hotice.errors import CarryInfeasible
 from hotice.model import builder, g1, self_contact
 from hotice.model.frames import quat_from_axis_angle
 from hotice.model.least_squares import minimize
@@ -45,12 +47,8 @@ class Posture:
     lean_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.40 <= self.pelvis_height_m <= 0.785:
-            raise InvalidConfig(
-                f"pelvis_height_m is {self.pelvis_height_m!r}: allowed are 0.40 (squat) to 0.785 (upright)"
-            )
-        if not -0.2 <= self.lean_rad <= 0.6:
-            raise InvalidConfig(f"lean_rad is {self.lean_rad!r}: allowed are -0.2 (back) to 0.6 (forward)")
+        checks.number("pelvis_height_m", self.pelvis_height_m, Range(least=0.4, most=0.785, note="squat to upright"))
+        checks.number("lean_rad", self.lean_rad, Range(least=-0.2, most=0.6, note="back to forward"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +128,7 @@ class _Kinematics:
         return self.data.geom_xpos[self.palm_id[side]].copy()
 
     def point_jacobian(self, points: NDArray, joints: list[int]) -> NDArray:
-        """Of points (N, 3) carried by all of the joint ids, by their angles: axis × arm, (N, 3, J)."""
+        """Jacobian (N, 3, J) of points (N, 3) carried by all of the joint ids, by their angles: axis × arm."""
         arm = points[:, None] - self.data.xanchor[joints]
         return np.moveaxis(np.cross(self.data.xaxis[joints], arm), 1, 2)
 
@@ -149,6 +147,7 @@ def surface_distance(carried: CarriedObject, p_O: NDArray) -> tuple[NDArray, NDA
     else:
         radial = np.linalg.norm(p_O, axis=1, keepdims=True)
         out, normal = radial - carried.radius_m, (p_O / np.maximum(radial, 1e-12))[:, None]
+    # Outside, the distance is that to the nearest face, edge or corner; inside, that to the nearest face.
     outside = np.maximum(out, 0.0)
     length = np.sqrt((outside**2).sum(axis=1))
     weight = np.where(
@@ -200,6 +199,7 @@ def _solve_arms(
         distance, normal = surface_distance(carried, p_O)
         by_v = np.zeros((4, 3, 9))
         by_v[:, :, :7] = kin.point_jacobian(palms, kin.left_arm)
+        # Seen from the object, the palms move back as it moves ahead or up.
         by_v[:, 0, 7] = by_v[:, 2, 8] = -1.0
         gap = touch * (distance - kin.palm_radius + PRELOAD_M)  # every palm sphere touches
         elbow = kin.data.xpos[kin.elbow_body]
@@ -236,9 +236,7 @@ def _solve_arms(
 
 
 def _solve_legs(kin: _Kinematics, posture: Posture, carried: CarriedObject | None, object_pos: NDArray) -> None:
-    """Hip pitch, knee and ankle pitch such that the soles are level at the wished depth and under the centre of
-    mass.
-    """
+    """Hip pitch, knee and ankle pitch that put level soles at the demanded depth under the centre of mass."""
     joints = {s: [f"{s}_{k}_joint" for k in ("hip_pitch", "knee", "ankle_pitch")] for s in g1.SIDES}
     index = {s: [g1.ACTION_JOINTS.index(j) for j in joints[s]] for s in g1.SIDES}
     left = [kin.joint_id[j] for j in joints["left"]]
@@ -257,16 +255,18 @@ def _solve_legs(kin: _Kinematics, posture: Posture, carried: CarriedObject | Non
         soles = kin.data.geom_xpos[kin.sole_id["left"]]  # two at the heel, two at the toe
         ends, ends_by_v = (a.reshape(2, 2, *a.shape[1:]).mean(axis=1) for a in (soles, kin.point_jacobian(soles, left)))
         middle, middle_by_v = ends.mean(axis=0), ends_by_v.mean(axis=0)
+        # Soles are spheres of 5 mm: their lowest points are that much below the centres.
         r = [middle[2] - 0.005 + posture.pelvis_height_m, ends[1, 2] - ends[0, 2], middle[0] - com_x]
         return np.array(r), np.stack([middle_by_v[2], ends_by_v[1, 2] - ends_by_v[0, 2], middle_by_v[0] - com_x_by_v])
 
+    # Start from two equal links, 0.69 m long in all: half of the knee's bend in the hip, half in the ankle.
     bend = float(np.arccos(np.clip((posture.pelvis_height_m - 0.1) / 0.69, -1, 1)))
     found = minimize(residual, [-bend - posture.lean_rad, 2 * bend, -bend], *kin.range[index["left"]].T)
     worst = float(np.abs(residual(found)[0]).max())
     if worst > 1e-3:
         raise CarryInfeasible(
-            f"no stance with the pelvis at {posture.pelvis_height_m:.2f} m and lean {posture.lean_rad:.2f} rad keeps the "
-            f"centre of mass over level feet (missed by {1e3 * worst:.0f} mm): use another height or less lean"
+            f"no stance with the pelvis at {posture.pelvis_height_m:.2f} m and lean {posture.lean_rad:.2f} rad keeps "
+            f"the centre of mass over level feet (missed by {1e3 * worst:.0f} mm): use another height or less lean"
         )
 
 
@@ -282,11 +282,13 @@ def _static_torque(kin: _Kinematics, carried: CarriedObject, object_pos: NDArray
     mujoco.mj_comPos(kin.model, kin.data)
     kin.data.qvel[:] = 0
     mujoco.mj_forward(kin.model, kin.data)
+    # At rest the bias forces are gravity's.
     torque = kin.data.qfrc_bias.copy()
     weight = carried.mass_kg * GRAVITY
     for side, inward in (("left", -1.0), ("right", 1.0)):
         palms = kin.palms(side)
         touching = palms.mean(axis=0)
+        # The object pushes back at the hand, and half of its weight hangs on it.
         force_on_hand = np.array([0.0, -inward * squeeze_n, -0.5 * weight])
         point = touching + [0.0, inward * kin.palm_radius, 0.0]
         torque -= _contact_jacobian(kin, kin.hand_body[side], point).T @ force_on_hand
@@ -353,8 +355,8 @@ def _solve_grasp(kin: _Kinematics, posture: Posture, carried: CarriedObject, gra
     if gap > MAX_GAP_M:
         width = 200.0 * carried.half_extents_m[1]
         raise CarryInfeasible(
-            f"{carried.shape} {width:.0f} cm wide cannot be held between the palms: the nearest reachable grasp misses its "
-            f"sides by {1e3 * gap:.0f} mm (allowed {1e3 * MAX_GAP_M:.0f} mm)"
+            f"{carried.shape} {width:.0f} cm wide cannot be held between the palms: the nearest reachable grasp misses "
+            f"its sides by {1e3 * gap:.0f} mm (allowed {1e3 * MAX_GAP_M:.0f} mm)"
         )
     if inside > MAX_INSIDE_M:
         raise CarryInfeasible(

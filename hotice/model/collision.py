@@ -198,8 +198,9 @@ class CollisionChecker:
         return p_WA, p_WB, normal
 
     def _jacobian(self, state: RobotState, rows: Rows, p_WA: Array, normal_W: Array) -> Array:
-        """The distance grows by n · (v_B − v_A); both witness points lie on one line along n, so one arm serves
-        both.
+        """Jacobian of the distance: it grows by n · (v_B − v_A).
+
+        Both witness points lie on one line along n, so one arm serves both.
         """
         self._kinematics.update(state)
         wrench = np.concatenate([normal_W, np.cross(p_WA, normal_W)], axis=1)

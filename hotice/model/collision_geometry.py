@@ -1,5 +1,4 @@
-"""What can collide, and with what: geometries of robot, object and obstacles for coal, and the pairs worth asking
-about.
+"""Collision geometries of robot, object and obstacles for coal, and the pairs worth asking about.
 
 The robot's primitives are read from the model that MuJoCo compiles, so both test the same shapes.
 """

@@ -8,37 +8,24 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
-from typing import Any
 
 import mujoco
 import numpy as np
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig
 from hotice.model import builder, g1
 from hotice.model.joint_friction import set_friction_reference
 
 FRICTIONS = ("sole_friction", "palm_friction", "object_friction")
-MOST_FRICTION = 10.0
-
-
-def _check_range(name: str, value: Any) -> None:
-    if value is None:
-        return
-    pair = isinstance(value, tuple | list) and len(value) == 2
-    if not (
-        pair
-        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
-        and 0 < value[0] <= value[1] <= MOST_FRICTION  # also false for NaN
-    ):
-        raise InvalidConfig(
-            f"{name} is {value!r}: None, or a lowest and a highest value above 0 and at most {MOST_FRICTION:g}, are needed"
-        )
+FRICTION = Range(above=0, most=10)
+SHARES = ("gain", "mass", "motor_strength", "payload")
 
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicsConfig:
-    """Uniform spread of parameters: a share around the nominal value, or a range in the unit named. Zero or None:
-    nominal.
+    """Uniform spread of parameters: share around the nominal value or range in the unit named; 0 or None: nominal.
 
     What is drawn is what forces, weights and contacts are made of: `tests/sim/test_dynamics_felt.py`,
     `test_friction.py`. Frictions are what contacts feel: the geom of higher priority decides alone
@@ -74,16 +61,12 @@ class DynamicsConfig:
     """Mass and inertia of the carried object beside what the carry state assumes, as a share of it (ours: ± 0.1)."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name in FRICTIONS:
-                _check_range(name, value)
+        checks.numbers(self, checks.NOT_NEGATIVE, but=(*FRICTIONS, *SHARES))
+        checks.numbers(self, Range(least=0, below=1), *SHARES)
+        for name in FRICTIONS:
+            if getattr(self, name) is not None:
                 # of a file: a list
-                object.__setattr__(self, name, value if value is None else tuple(float(v) for v in value))
-            elif not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
-        for name in ("gain", "mass", "motor_strength", "payload"):
-            if getattr(self, name) >= 1:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a share below 1 is needed")
+                object.__setattr__(self, name, checks.interval(name, getattr(self, name), FRICTION))
 
     @property
     def nominal(self) -> bool:
@@ -105,14 +88,14 @@ ROBOT_DYNAMICS = DynamicsConfig(
     object_friction=(0.64, 0.96),
     payload=0.1,
 )
-"""Of the protocol `robot`, for physics that does not creep: rubber palms on cardboard or plastic, shoes on any
+"""Dynamics of the protocol `robot`, for physics that does not creep: rubber palms on cardboard or plastic, shoes on any
 floor."""
 
 ROBOT_NOMINAL = DynamicsConfig(sole_friction=(0.85, 0.85), palm_friction=(0.9, 0.9))
 """The middle of `ROBOT_DYNAMICS`."""
 
 PAPER_DYNAMICS = replace(ROBOT_DYNAMICS, torso_com_m=0.05, sole_friction=(0.8, 1.2), palm_friction=(2.0, 2.0))
-"""Of the protocol `paper`: palms as in the first author's public fork."""
+"""Dynamics of the protocol `paper`: palms as in the first author's public fork."""
 
 TRAINING_PALMS = {0.005: (1.7, 2.4), 0.010: (2.3, 3.0)}
 """By physics step [s], the friction with which pyramids creep as much as elliptic cones at 2 ms do with 0.6 and
@@ -130,7 +113,7 @@ STUDENT_DYNAMICS = student_dynamics(0.005)
 """What students are trained under in the default physics step."""
 
 LEAST_PUSH = 0.1
-"""Of the largest push: the least (CAT: 0.1 of 1.0 m/s)."""
+"""Least push, as a share of the largest (CAT: 0.1 of 1.0 m/s)."""
 
 
 def perturb(model: mujoco.MjModel, config: DynamicsConfig, rng: np.random.Generator) -> mujoco.MjModel:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.floating]
+Array = NDArray[np.float64]
 
 
 def normalize(v: ArrayLike, eps: float = 1e-12) -> Array:

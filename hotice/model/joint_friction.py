@@ -21,9 +21,11 @@ def set_friction_reference(model: mujoco.MjModel) -> None:
     leaves.
     """
     joints = model.jnt_dofadr[model.actuator_trnid[:, 0]]
+    # Servos damp by −biasprm[2]; motors have no bias and do not damp.
     damping = np.where(model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE, 0.0, -model.actuator_biasprm[:, 2])
     rate = 1.0 / model.opt.timestep + damping * model.dof_invweight0[joints]
     dry = model.dof_frictionloss[joints] > 0
     dofs = joints[dry]
     model.dof_solref[dofs, 0] = -1.0  # negative: stiffness (friction has none) and damping as such
+    # MuJoCo divides this number by dmax, the second of solimp.
     model.dof_solref[dofs, 1] = -rate[dry] * model.dof_solimp[dofs, 1]

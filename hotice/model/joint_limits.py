@@ -1,4 +1,4 @@
-"""Limits of position and torque by joint name, read from the robot's description; NumPy and the standard library only."""
+"""Limits of position and torque by joint name, from the robot's description; NumPy and the standard library only."""
 
 from __future__ import annotations
 

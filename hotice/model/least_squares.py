@@ -1,6 +1,4 @@
-"""Small bounded least-squares problems, solved fast: Levenberg-Marquardt steps on the variables that are free to
-move.
-"""
+"""Small bounded least-squares problems, solved fast by Levenberg-Marquardt steps on the free variables."""
 
 from __future__ import annotations
 

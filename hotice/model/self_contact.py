@@ -1,4 +1,4 @@
-"""Which parts of the robot keep each other out: few pairs of primitives, enough that no limb passes through another.
+"""Contacts within the robot: few pairs of primitives, enough that no limb passes through another.
 
 Legs against each other, arms and hands against legs, trunk, head and each other, knees against the trunk. Pairs that
 their joints keep apart are left out. Contacts within the robot carry no friction, which costs one constraint row

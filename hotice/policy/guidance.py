@@ -16,7 +16,7 @@ from hotice.model import g1
 from hotice.policy.percept import NUM_POINTS, NUM_SGF, Percept
 from hotice.policy.vectors import NamedVector
 from hotice.task.policy_task import PolicyTask
-from hotice.task.scan import NUM_SCAN, OFFSETS_M, ORIGIN
+from hotice.task.scan import NUM_SCAN, scan_points
 
 Array = NDArray[np.float64]
 NUM_FIELD = NUM_POINTS + 8
@@ -72,13 +72,8 @@ def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
     reading.c_W[:], reading.speed[0] = c_W, speed
     reading.heading_error[0] = heading_error(c_W, speed, float(percept.yaw[0]), task.speed_m_s)
     reading.goal_distance[0] = math.hypot(*offset_W.tolist())
-    reading.scan[:] = pf.sgf.query(_scan_points(percept).astype(np.float32))[1] if task.scan else 0.0
+    reading.scan[:] = 0.0
+    if task.scan:
+        looked_at = scan_points(percept.p_WK[_FEET], percept.p_WP, percept.yaw[0])
+        reading.scan[:] = pf.sgf.query(looked_at.astype(np.float32))[1]
     return reading
-
-
-def _scan_points(percept: Percept) -> Array:
-    """Where the robot looks, (40, 3) in W [m]: the numpy twin of `hotice.sim.scan.scan_points`."""
-    yaw = float(percept.yaw[0])
-    ahead, height = OFFSETS_M.T
-    origins = np.stack([*percept.p_WK[_FEET], percept.p_WP])[ORIGIN]
-    return np.stack([origins[:, 0] + math.cos(yaw) * ahead, origins[:, 1] + math.sin(yaw) * ahead, height], axis=1)

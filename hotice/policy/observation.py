@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.fields.defaults import ETA
+from hotice.fields.alignment import observed
 from hotice.model.carry import CarryState
 from hotice.policy.guidance import NUM_FIELD, FieldReading
 from hotice.policy.percept import NUM_SGF, Percept
@@ -20,8 +20,6 @@ from hotice.task.policy_task import PolicyTask
 from hotice.task.scan import NUM_SCAN, nearness
 
 Array = NDArray[np.float64]
-ENCODE_SCALE = ETA
-"""|F| at which the encoded size is tanh(1), as `hotice.fields.alignment.ENCODE_SCALE` [m/s]."""
 LAYOUT: tuple[tuple[str, int], ...] = (
     ("gyro", 3),
     ("gravity", 3),
@@ -93,18 +91,8 @@ def observe(
         (percept.p_WO - percept.p_WP) @ R_WY,
         (percept.R_WO[:, :2].T @ R_WY).ravel(),
         5.0 * carrying.half_extents,
-        _encode(reading.force_W @ R_WY, reading.distance).ravel(),
+        observed(reading.force_W @ R_WY, reading.distance).ravel(),
         *((nearness(reading.scan),) if scan else ()),
         past,
     )
     return np.concatenate(rows).astype(np.float32)
-
-
-def _encode(force_Y: Array, distance: Array) -> Array:
-    """Unit direction, squashed size and clipped distance of each point, (19, 5)."""
-    out = np.empty((NUM_FIELD, 5))
-    size = np.sqrt((force_Y * force_Y).sum(axis=1) + 1e-20)
-    out[:, :3] = force_Y / (size + 1e-6)[:, None]
-    out[:, 3] = np.tanh(size / ENCODE_SCALE)
-    out[:, 4] = 2.0 * np.clip(distance, -0.1, 0.5)
-    return out

@@ -1,4 +1,4 @@
-"""What the robot knows of itself and the object at one instant: the sensed part of the policy's input.
+"""Percept: what the robot knows of itself and the object at one instant, the sensed part of the policy's input.
 
 True, when computed from a state by `PerceptModel`; with noise, after a sensor model. Frames: W world, P pelvis, O
 object.
@@ -72,9 +72,7 @@ class PerceptModel:
         self._q, self._qd = 7 + joint_index(20), 6 + joint_index(20)
 
     def keypoints_at(self, qpos: Array) -> Callable[[Array], Array]:
-        """Function: keypoints of the robot (11, 3) in W [m] for joints of the policy (20,), all else as in `qpos`
-        (43,).
-        """
+        """Function from the policy's joints (20,) to keypoints (11, 3) in W [m], all else as in `qpos` (43,)."""
 
         def keypoints(q: Array) -> Array:
             self._data.qpos[:] = qpos

@@ -1,4 +1,4 @@
-"""What an import kept of a map: seen from above and from the side."""
+"""Picture of what an import kept of a map: seen from above and from the side."""
 
 from __future__ import annotations
 

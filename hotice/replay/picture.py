@@ -219,6 +219,7 @@ def _legend(figure: Figure) -> None:
 
 def draw_frame(axes: Axes, record: RolloutRecord, frame: int, azimuth: float, elevation: float, arrows: bool) -> None:
     """One perspective view: triangles are shaded, sorted by distance and painted far to near; angles [rad]."""
+    # A little ahead of the pelvis and at a fixed height, so that a crouch shows as one.
     look_at = np.array([*record.root_pos_W[frame, :2], 0.66]) + [0.1, 0.0, 0.0]
     back = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     eye = look_at + 3.2 * back
@@ -239,6 +240,7 @@ def draw_frame(axes: Axes, record: RolloutRecord, frame: int, azimuth: float, el
     for obstacle in record.scene.obstacles:
         vertices, faces = obstacle_triangles(obstacle)
         points = placed(vertices, np.array(obstacle.position_m), np.array(obstacle.quaternion_wxyz))
+        # Painter's algorithm: triangles are sorted by their mean distance, which only works for small ones.
         pieces = _subdivided(points[faces], 0.2)
         hiding = (pieces.mean(axis=1) - record.root_pos_W[frame]) @ back > 0.25  # in front of the robot: see-through
         rgb = np.broadcast_to(to_rgb(CATEGORY_COLORS.get(obstacle.category, "#7c8da3")), (len(pieces), 3))
@@ -248,6 +250,7 @@ def draw_frame(axes: Axes, record: RolloutRecord, frame: int, azimuth: float, el
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     facing = np.einsum("ij,ij->i", normal, eye - corner.mean(axis=1)) > 0
+    # Nothing within 0.3 m of the eye or behind it.
     near = ((corner - eye) @ back).max(axis=1) < -0.3
     corner, color, normal = corner[facing & near], color[facing & near], normal[facing & near]
     shade = 0.62 + 0.45 * np.clip(normal @ LIGHT_W, -0.6, 1.0)
@@ -316,6 +319,7 @@ def _arrows(record: RolloutRecord, frame: int) -> tuple[Array, Array]:
     """Starts and shafts of the guidance arrows, (K, 3) each [m]; length grows with strength and stays below ARROW_M."""
     force = record.arrow_force_W[frame]
     strength = np.linalg.norm(force, axis=-1, keepdims=True)
+    # Saturates: beside walls a field may be many times as strong as in the open.
     length = ARROW_M * -np.expm1(-strength / FIELD_SCALE)
     return record.arrow_pos_W[frame], force / np.maximum(strength, 1e-12) * length
 

@@ -78,6 +78,7 @@ def outline(points: Array) -> Array:
             while len(hull) > 1 and _turn(hull[-2], hull[-1], p) <= 0:
                 hull.pop()
             hull.append(p)
+        # The last point begins the other chain.
         return hull[:-1]
 
     return np.array(chain(points) + chain(points[::-1]))
@@ -107,4 +108,5 @@ def _revolve(profile: Array, segments: int) -> tuple[Array, NDArray[np.int64]]:
     vertices, faces = rings.reshape(-1, 3), faces.reshape(-1, 3)
     edges = vertices[faces]
     area = np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1)
+    # Poles of the profile make triangles without area.
     return vertices, faces[area > 1e-12]

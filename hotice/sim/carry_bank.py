@@ -53,8 +53,9 @@ class CarryBank:
                 reasons.append(str(error))
                 if len(reasons) > 2 * count + 4:
                     raise CarryInfeasible(
-                        f"{len(reasons)} of {len(reasons) + len(states)} objects of {' m to '.join(map(str, objects.size_m))} m "
-                        f"and {' kg to '.join(map(str, objects.mass_kg))} kg cannot be held: give smaller or lighter ones; "
+                        f"{len(reasons)} of {len(reasons) + len(states)} objects of "
+                        f"{' m to '.join(map(str, objects.size_m))} m and "
+                        f"{' kg to '.join(map(str, objects.mass_kg))} kg cannot be held: give smaller or lighter ones; "
                         f"the last: {error}"
                     ) from None
         return cls.of(states, timestep_s, device, **{"seed": seed, **build})

@@ -78,17 +78,14 @@ def skin(radius: float) -> float:
 
 
 def _points(reach: np.ndarray, radius: float, ends: int = 1) -> np.ndarray:
-    """Centres (S, 3) up to `reach` (3,) from the middle, so close that spheres of this radius leave dents of
-    `DENT_M`.
-    """
+    """Centres (S, 3) up to `reach` (3,) from the middle, dense enough that spheres leave dents of `DENT_M` at most."""
     spacing = np.sqrt(8.0 * radius * DENT_M)
     counts = [int(np.ceil(2.0 * r / spacing)) + 1 if r > 0.002 else 1 for r in reach]
     return _lattice(counts, ends) * reach
 
 
 def _lattice(counts: Sequence[int], ends: int) -> np.ndarray:
-    """Grid points of the cube [-1, 1]^3, as many along each axis as `counts` say, with `ends` coordinates or more at ±
-    1.
+    """Grid points of the cube [-1, 1]^3: `counts` along each axis, with `ends` coordinates or more at ± 1.
 
     So 2 leaves the edges, 1 the faces; a single point along an axis lies in the middle and counts as an end.
     """

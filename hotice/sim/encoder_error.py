@@ -1,4 +1,4 @@
-"""Where points of the robot would be if its joints stood elsewhere: what encoders that are off make of keypoints."""
+"""Keypoint positions as biased joint encoders would place them."""
 
 from __future__ import annotations
 

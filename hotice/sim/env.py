@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from hotice.errors import InvalidConfig
+from hotice import checks
 from hotice.fields.bank import FieldBank
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
@@ -98,8 +98,7 @@ class TransportEnv:
         config: TaskConfig | None = None,
         threads: int = 0,
     ) -> None:
-        if num_envs < 1:
-            raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
+        checks.whole("num_envs", num_envs, checks.COUNT)
         if physics == "mujoco":
             check_memory(num_envs)
         self.config = config or TaskConfig()
@@ -257,9 +256,7 @@ class TransportEnv:
         )
 
     def _act(self, action: Tensor) -> None:
-        """Actions become servo targets around the carry state; the clock advances, and what was read becomes the
-        past.
-        """
+        """Turns actions into servo targets around the carry state, advances the clock and records what was read."""
         m = self.memory
         if self.config.history:
             m.past = torch.cat([self.read[:, self.frame], m.past[:, : -history.FRAME]], dim=1)
@@ -300,9 +297,7 @@ class TransportEnv:
         return rows
 
     def _contain(self, place: Tensor) -> Tensor:
-        """Finds diverged simulations, (N,) bool; until they are restarted they stand at their last `place` (N, 2)
-        [m].
-        """
+        """Diverged simulations, (N,) bool; until their restart they are held at their last `place` (N, 2) [m]."""
         p = self.physics
         bad = diverged(p.qpos, p.qvel)
         if bad.any():
@@ -333,9 +328,7 @@ class TransportEnv:
         return arrived(s.goal_distance, self.config.goal_radius_m)
 
     def _stayed(self, s: Snapshot) -> Tensor:
-        """Which of those at the goal have stood there long enough, (N,) bool: drawn, so that nothing has to be
-        remembered.
-        """
+        """Mask (N,) of robots that have stood at the goal long enough: drawn, so that nothing is remembered."""
         chance = self.config.control_dt_s / self.config.goal_stay_s
         leaves = torch.rand(self.num_envs, generator=self.generator, device=self.device) < chance
         return leaves & self._arrived(s)

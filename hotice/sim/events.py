@@ -1,4 +1,4 @@
-"""What happens to episodes from outside: starts and pushes."""
+"""Events that come to episodes from outside: starts and pushes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from torch import Tensor
 
 from hotice.fields.bank import FieldBank
 from hotice.model import g1
-from hotice.model.dynamics import LEAST_PUSH
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.physics.protocol import Physics
 from hotice.sim.snapshot import Layout
 from hotice.sim.stages import NearStarts, SmallObjects
 from hotice.sim.starts import all_places
 from hotice.task.config import TaskConfig
+from hotice.task.pushes import push_velocity
 
 
 class Starter:
@@ -109,16 +109,9 @@ def turn_about_root(qpos: Tensor, place: Tensor, object_q: int) -> Tensor:
 
 
 def push(physics: Physics, config: TaskConfig, generator: torch.Generator) -> None:
-    """Random horizontal change of the root velocity, on average every `push_interval_s`: a tenth of `push_m_s` to all
-    of it.
-    """
+    """Random horizontal kick of the root, every `push_interval_s` on average: 0.1 to 1 times `push_m_s`."""
     if config.push_m_s == 0.0:
         return
-    n = physics.num_envs
-    chance = config.control_dt_s / config.push_interval_s
-    hit = torch.rand(n, generator=generator, device=physics.device) < chance
-    angle = 2 * torch.pi * torch.rand(n, generator=generator, device=physics.device)
-    share = LEAST_PUSH + (1.0 - LEAST_PUSH) * torch.rand(n, generator=generator, device=physics.device)
-    size = config.push_m_s * share * hit
-    physics.qvel[:, 0] += (size * torch.cos(angle)).to(physics.qvel.dtype)
-    physics.qvel[:, 1] += (size * torch.sin(angle)).to(physics.qvel.dtype)
+    draws = [torch.rand(physics.num_envs, generator=generator, device=physics.device) for _ in range(3)]
+    change = push_velocity(*draws, config.push_m_s, config.control_dt_s / config.push_interval_s)
+    physics.qvel[:, :2] += change.to(physics.qvel.dtype)

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from hotice.errors import InvalidConfig
-from hotice.fields.alignment import encode
+from hotice.fields.alignment import observed
 from hotice.fields.bank import FieldSample
 from hotice.model import g1
 from hotice.model.objects import OCTANTS
@@ -66,9 +66,7 @@ class Observation:
 
 def _field(s: Snapshot, sample: FieldSample) -> Tensor:
     """Unit direction in Y, squashed size and clipped distance of each keypoint, (N, 5 K)."""
-    code = encode(s.to_yaw_frame(sample.force_W))
-    distance = torch.clamp(sample.signed_distance, -0.1, 0.5)[..., None]
-    return torch.cat([code, 2.0 * distance], dim=-1).flatten(1)
+    return observed(s.to_yaw_frame(sample.force_W), sample.signed_distance).flatten(1)
 
 
 def _object_pose(s: Snapshot) -> Tensor:

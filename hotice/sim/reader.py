@@ -13,9 +13,9 @@ from hotice.fields.command import heading_error, navigation_command
 from hotice.sim import cover
 from hotice.sim.carry_bank import CarryBank, pick
 from hotice.sim.physics.protocol import Physics
-from hotice.sim.scan import scan_points
-from hotice.sim.snapshot import LOOK_AHEAD_S, NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
+from hotice.sim.snapshot import FEET, LOOK_AHEAD_S, NUM_SGF, STEERED, Layout, Memory, Motion, Snapshot, read_motion
 from hotice.task.config import TaskConfig
+from hotice.task.scan import scan_points
 
 TOUCH_HEIGHT_M = 0.012
 CLEAR_M = 10.0
@@ -113,14 +113,12 @@ class Reader:
         """Signed distances at the points of the local scan, (N, 40) [m], or (N, 0) without one."""
         if not self.config.scan:
             return motion.yaw.new_empty(len(motion.yaw), 0)
-        return self.bank.signed_distance(scene, scan_points(motion))
+        return self.bank.signed_distance(scene, scan_points(motion.p_WK[:, FEET], motion.p_WP, motion.yaw))
 
     def _clearances(
         self, xpos: Tensor, xmat: Tensor, scene: Tensor, model: Tensor, robot: Spheres
     ) -> tuple[Tensor, Tensor]:
-        """Smallest gap between cover spheres and obstacles, `robot` and object, (N,) each, from the frames of all
-        bodies.
-        """
+        """Smallest gap to obstacles of the cover spheres of `robot` and object, (N,) each, from all bodies' frames."""
         if not self.has_obstacles:
             far = torch.full((len(xpos),), CLEAR_M, device=self.device)
             return far, far.clone()

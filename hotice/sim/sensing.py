@@ -1,4 +1,4 @@
-"""What stands between the simulated state and the actor: noise, delays and a root pose that is refreshed now and then.
+"""Sensing between the simulated state and the actor: noise, delays and a root pose that is refreshed now and then.
 
 The numbers and rules, those of delays too, are in `hotice.task.sensing`.
 
@@ -51,7 +51,7 @@ class Sensors:
         moved: list[list[int]],
     ) -> None:
         self.config, self.guide, self.moved = config, guide, moved
-        self.hold_steps = config.refresh_steps(control_dt_s)
+        self.hold_steps = config.hold_steps(control_dt_s)
         self.longest_delay = config.longest_delay(control_dt_s, substeps)
         self.root = torch.zeros(num_envs, 5, device=device)
         """Estimate x, y, z [m], sine and cosine of the heading."""
@@ -62,7 +62,7 @@ class Sensors:
         self.dt_s = control_dt_s
         self.object = torch.zeros(num_envs, 3, 3, device=device)
         """Estimate of the object in P: position [m] and first two axes, as rows."""
-        self.gain = config.filter_gain(control_dt_s)
+        self.gain = config.object_gain(control_dt_s)
         self.age = torch.zeros(num_envs, dtype=torch.int64, device=device)
         """Measurements of this episode."""
         self.action_delay = torch.zeros(num_envs, dtype=torch.int64, device=device)
@@ -101,19 +101,22 @@ class Sensors:
         return read
 
     def measure(self, s: Snapshot, ids: Tensor, joint_offset: Tensor, generator: torch.Generator) -> Snapshot:
-        """The snapshot (n, ...) of environments `ids` as their robots know it; `joint_offset` (n, 20) of the encoders
-        [rad].
+        """Snapshot (n, ...) of environments `ids` as their robots know it.
+
+        joint_offset (n, 20): error of the encoders [rad].
         """
         cfg = self.config
 
         def noise(like: Tensor, half: float) -> Tensor:
             return (2.0 * torch.rand(like.shape, generator=generator, device=like.device) - 1.0) * half
 
+        # The order of the draws is part of what a seed means.
         yaw = s.yaw + noise(s.yaw, cfg.root_yaw_rad)
         seen = torch.stack([*(s.p_WP + noise(s.p_WP, cfg.root_pos_m)).unbind(1), yaw.sin(), yaw.cos()], 1)
         gyro = s.w_WP_P + noise(s.w_WP_P, cfg.gyro_rad_s)
         gravity = s.gravity_P + noise(s.gravity_P, cfg.gravity)
         down_P = self._down(ids, gravity, gyro)
+        # Up is −down: the gyro's part about it is the rate of the heading.
         root = self._tracked(ids, seen, -(gyro * down_P).sum(dim=1)) if cfg.root_tracking else self._held(ids, seen)
         self.root[ids] = root
         self.age[ids] += 1
@@ -156,7 +159,9 @@ class Sensors:
         if not (self.config.gravity or self.config.gyro_rad_s):
             return gravity
         before = self.gravity[ids]
+        # In P it is gravity that turns, against the body: ġ = g × ω.
         predicted = before + self.dt_s * torch.linalg.cross(before, gyro)
+        # The mean of the first measurements, then a constant share of each.
         gain = torch.clamp(1.0 / (self.age[ids] + 1), min=TRACK_TILT)[:, None]
         down = torch.nn.functional.normalize(torch.lerp(predicted, gravity, gain), dim=1)
         self.gravity[ids] = down
@@ -167,16 +172,16 @@ class Sensors:
         return torch.where(self._due(ids), seen, self.root[ids])
 
     def _tracked(self, ids: Tensor, seen: Tensor, turning: Tensor) -> Tensor:
-        """The root (n, 5), moved on with its velocity and turned by the gyro, `turning` (n,) [rad/s]; corrected where
-        due.
-        """
+        """Root (n, 5), moved on by its velocity, turned by the gyro, `turning` (n,) [rad/s]; corrected where due."""
         root, velocity, due = self.root[ids], self.velocity[ids], self._due(ids)
         place = root[:, :3] + velocity * self.dt_s
         yaw = torch.atan2(root[:, 3], root[:, 4]) + turning * self.dt_s
         off = seen[:, :3] - place
         yaw_off = torch.atan2(seen[:, 3], seen[:, 4]) - yaw
+        # The short way round.
         yaw_off = torch.atan2(torch.sin(yaw_off), torch.cos(yaw_off))
         first = (self.age[ids] == 0)[:, None]
+        # An error of place that has grown since the last correction is one of velocity.
         faster = velocity + TRACK_VELOCITY / (self.hold_steps * self.dt_s) * off
         self.velocity[ids] = torch.where(due & ~first, faster, velocity)
         place = torch.where(due, place + TRACK_PLACE * off, place)
@@ -189,14 +194,15 @@ class Sensors:
         return (self.age[ids] % self.hold_steps == 0)[:, None]
 
     def _filtered(self, s: Snapshot, ids: Tensor, p_PO: Tensor, R_WO: Tensor) -> tuple[Tensor, Tensor]:
-        """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object, both in W, after the newest
-        measurement.
-        """
+        """Position from the pelvis (n, 3) and orientation (n, 3, 3) of the object in W after the newest measurement."""
+        # Filtered in the frame of the pelvis, in which a carried object hardly moves. Two axes say all of an
+        # orientation.
         newest = torch.cat([p_PO[:, None], R_WO[:, :, :2].transpose(1, 2)], dim=1) @ s.R_WP
         gain = torch.clamp(1.0 / self.age[ids], min=self.gain)[:, None, None]
         estimate = torch.lerp(self.object[ids], newest, gain)
         self.object[ids] = estimate
         p, x, y = (estimate @ s.R_WP.transpose(1, 2)).unbind(1)
+        # A mean of axes is neither of unit length nor orthogonal: Gram-Schmidt.
         x = x / x.norm(dim=1, keepdim=True)
         z = torch.linalg.cross(x, y)
         z = z / z.norm(dim=1, keepdim=True)

@@ -1,4 +1,4 @@
-"""What a curriculum may hold back at first: starts far from the goal, and large objects.
+"""Stages that a curriculum may hold back at first: starts far from the goal, and large objects.
 
 Nothing here is random by itself or learns; `hotice.learn.train.curriculum.Stages` says how much is allowed. What the
 starts are is in `hotice.sim.starts`.
@@ -17,8 +17,7 @@ from hotice.sim.snapshot import Grasp
 
 
 class NearStarts:
-    """Places of S scenes in the order of their way to the goal; those within `limit_m` may be drawn, at least the
-    nearest.
+    """Start places of S scenes, nearest to the goal first; those within `limit_m` may be drawn, at least one.
 
     Args:
         bank: the scenes' fields.

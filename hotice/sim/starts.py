@@ -1,4 +1,4 @@
-"""Where episodes may start: places in a scene with room for robot and object and a way to the goal."""
+"""Starts of episodes: places in a scene with room for robot and object and a way to the goal."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""What ends an episode: a table of pure functions of a `Snapshot`, each (N,) bool. The first that holds is the
-outcome.
-"""
+"""Ends of an episode: a table of pure functions of a `Snapshot`, each (N,) bool; the first that holds counts."""
 
 from __future__ import annotations
 

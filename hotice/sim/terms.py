@@ -78,8 +78,7 @@ def clearance(s: Snapshot) -> Tensor:
 
 
 def clearance_ahead(s: Snapshot) -> Tensor:
-    """How far upper body and object, moved on as commanded, would intrude into the last 5 cm before an obstacle, and
-    into it.
+    """Intrusion into the last 5 cm before an obstacle, and into it, of upper body and object moved on as commanded.
 
     0 to 4, 20 cm deep. Whether a body passes a beam or a table edge shows only when it is there: this tells on the way
     how much lower or farther aside it has to be.
@@ -162,9 +161,7 @@ def flight(s: Snapshot) -> Tensor:
 
 
 def swing_height(s: Snapshot) -> Tensor:
-    """Squared lack of height of the lower of toe and heel against the clock's, of the swinging foot; more by
-    obstacles.
-    """
+    """Squared lack of height of the swinging foot (lower of toe and heel) against the clock's; more by obstacles."""
     lowest = torch.minimum(s.p_WK[:, TOES, 2], s.p_WK[:, HEELS, 2])
     near = torch.clamp((0.25 - s.sgf.signed_distance[:, FEET]) / 0.15, 0.0, 1.0)
     error = (torch.clamp(s.swing * (1.0 + 0.6 * near) - lowest, min=0.0) / 0.10).square()

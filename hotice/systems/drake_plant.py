@@ -44,7 +44,7 @@ from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, TOUCHING_BODIES
 
 Array = NDArray[np.float64]
 STIFFNESS_N_M, DISSIPATION_S_M = 5e4, 10.0
-"""Of each contact point: a standing robot sinks in by less than 1 mm."""
+"""Stiffness and dissipation of each contact point: a standing robot sinks in by less than 1 mm."""
 FLOOR_M = (100.0, 100.0, 1.0)
 """A box: Drake warns of half spaces."""
 FRICTION = {"object_in_hands": 2.0, "object": 2.0 / 3.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "robot": 1.0}
@@ -166,9 +166,7 @@ def _properties(kind: str) -> ProximityProperties:
 def _robot_geometry(
     plant: MultibodyPlant, scene_graph: SceneGraph
 ) -> tuple[dict[str, list[GeometryId]], list[tuple[GeometryId, GeometryId]]]:
-    """The robot's geometries: all, those that floor or object do not meet, and pairs that do meet; sets their
-    materials.
-    """
+    """Geometries of the robot: all, those that miss floor or object, and pairs that meet; also sets their materials."""
     bits = {}
     model = models.robot_spec(20).compile()
     for i in range(model.ngeom):
@@ -236,7 +234,8 @@ def _add_fixed(plant: MultibodyPlant, X_WG: RigidTransform, shape: Shape, name: 
 def _shape(obstacle: Any) -> Shape:
     if obstacle.shape.type == "mesh":
         raise NotAvailable(
-            f"obstacle {obstacle.name!r} is a triangle mesh, which plant 'drake' cannot touch exactly: use plant 'mujoco'"
+            f"obstacle {obstacle.name!r} is a triangle mesh, which plant 'drake' cannot touch exactly: "
+            "use plant 'mujoco'"
         )
     return primitive(*obstacle.shape.mujoco_geom())
 

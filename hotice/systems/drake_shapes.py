@@ -30,6 +30,6 @@ def shape_of(model: mujoco.MjModel, geom: int) -> Shape:
 
 
 def pose(position: ArrayLike, quat: ArrayLike) -> RigidTransform:
-    """Of a position (3,) [m] and a quaternion (4,) wxyz, which is made unit."""
+    """Pose of a position (3,) [m] and a quaternion (4,) wxyz, which is made unit."""
     w = np.asarray(quat, dtype=float)
     return RigidTransform(RotationMatrix(Quaternion(w / np.linalg.norm(w))), np.asarray(position, dtype=float))

@@ -15,7 +15,8 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexe
 
 from hotice.model import g1
 from hotice.model.dynamics import joint_offset
-from hotice.systems.signals import NUM_JOINTS, torque_limits
+from hotice.model.joint_limits import torque_limits
+from hotice.systems.signals import NUM_JOINTS
 
 Array = NDArray[np.float64]
 
@@ -29,9 +30,7 @@ def pd_torque(target: Array, q: Array, qd: Array, kp: Array, kd: Array, limit: A
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointServo:
-    """Gains kp [N m/rad] and kd [N m s/rad], torque limit [N m] and error of the encoder [rad] of the actuated joints,
-    (20,).
-    """
+    """Gains kp [N m/rad], kd [N m s/rad], torque limit [N m] and encoder error [rad] of actuated joints, (20,) each."""
 
     kp: Array
     kd: Array
@@ -40,13 +39,13 @@ class JointServo:
 
     @classmethod
     def of_g1(cls) -> JointServo:
-        """Of `g1.gains` and the robot's description."""
+        """Servo of `g1.gains` and the robot's description."""
         kp, kd = g1.gains()
-        return cls(kp=kp, kd=kd, limit=torque_limits(), offset=np.zeros(NUM_JOINTS))
+        return cls(kp=kp, kd=kd, limit=torque_limits(g1.ACTION_JOINTS), offset=np.zeros(NUM_JOINTS))
 
     @classmethod
     def of_model(cls, model: mujoco.MjModel) -> JointServo:
-        """Of the position servos of a model of `builder.build_model`, perturbed or not."""
+        """Servo like the position servos of a model of `builder.build_model`, perturbed or not."""
         return cls(
             kp=model.actuator_gainprm[:, 0].copy(),
             kd=-model.actuator_biasprm[:, 2],
@@ -56,11 +55,9 @@ class JointServo:
 
     @classmethod
     def commanding(cls, model: mujoco.MjModel) -> JointServo:
-        """The same, closed around motors of the drawn strength (`station_plant.to_motors`): in torques as they are
-        commanded.
-        """
+        """The same around motors of the drawn strength (`station_plant.to_motors`), in torques as commanded."""
         servo = cls.of_model(model)
-        strength = servo.limit / torque_limits()
+        strength = servo.limit / torque_limits(g1.ACTION_JOINTS)
         return cls(kp=servo.kp / strength, kd=servo.kd / strength, limit=servo.limit / strength, offset=servo.offset)
 
 

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, LeafSystem, State
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidStation
-from hotice.model.dynamics import LEAST_PUSH
+from hotice.task.pushes import push_velocity
 
 Array = NDArray[np.float64]
 PUSH = 3
@@ -24,11 +26,10 @@ def draw_push(size_m_s: float, chance: float, seed: int, count: int) -> Array:
 
     With probability `chance`; of a tenth of `size_m_s` to all of it.
 
-    The one-robot twin of `hotice.sim.events.push`, from random numbers that `seed` and `count` alone determine.
+    As `hotice.sim.events.push` in training, from random numbers that `seed` and `count` alone determine.
     """
-    hit, angle, size = np.random.Generator(np.random.Philox(key=seed, counter=[1, 0, 0, count + 1])).random(3)
-    size = size_m_s * (LEAST_PUSH + (1.0 - LEAST_PUSH) * size) * (hit < chance)
-    return size * np.array([np.cos(2.0 * np.pi * angle), np.sin(2.0 * np.pi * angle)])
+    draws = np.random.Generator(np.random.Philox(key=seed, counter=[1, 0, 0, count + 1])).random(3)
+    return push_velocity(*draws, size_m_s, chance)
 
 
 class Pushes(LeafSystem):
@@ -43,10 +44,8 @@ class Pushes(LeafSystem):
 
     def __init__(self, size_m_s: float, interval_s: float, control_dt_s: float, seed: int = 0) -> None:
         super().__init__()
-        if not interval_s >= control_dt_s > 0:
-            raise InvalidStation(
-                f"interval_s is {interval_s!r}: at least the control period {control_dt_s:g} s is needed"
-            )
+        allowed = Range(least=control_dt_s, unit="s", note="the control period")
+        checks.number("interval_s", interval_s, allowed, InvalidStation)
         self._size, self._chance = size_m_s, control_dt_s / interval_s
         pushed = self.DeclareDiscreteState([0.0, 0.0, NEVER])
         self.DeclareDiscreteState([0.0, float(seed)])

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from hotice import checks
 from hotice.compiled import compiled
-from hotice.errors import InvalidConfig
 from hotice.model import builder, g1
 from hotice.model.carry import CarryState
+from hotice.model.joint_limits import torque_limits
 from hotice.systems.joint_pd import pd_torque
-from hotice.systems.signals import JOINT_POS, JOINT_VEL, NUM_JOINTS, ROBOT_STATE, torque_limits
+from hotice.systems.signals import JOINT_POS, JOINT_VEL, NUM_JOINTS, ROBOT_STATE
 from hotice.task.rules import UPRIGHT
 
 Array = NDArray[np.float64]
@@ -48,9 +49,7 @@ class SafetyLimits:
     """How far a joint may be pressed beyond its range."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (isinstance(value, int | float) and math.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        checks.numbers(self, checks.NOT_NEGATIVE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,23 +80,18 @@ class SafePosture:
             half_range=0.5 * (high - low),
             kp=kp,
             kd=kd,
-            limit=torque_limits(),
+            limit=torque_limits(g1.ACTION_JOINTS),
         )
 
 
 def find_fault(state: Array, command: Array, posture: SafePosture, limits: SafetyLimits) -> Fault:
     """The first fault of a robot state (84,) and a command (20,)."""
-    return Fault(_fault_code(state, command, posture, limits))
-
-
-def _fault_code(state: Array, command: Array, posture: SafePosture, limits: SafetyLimits) -> int:
-    return _find_fault(
-        state, command, posture.middle, posture.half_range, math.cos(limits.tilt_rad), limits.joint_margin_rad
-    )
+    lean, margin = math.cos(limits.tilt_rad), limits.joint_margin_rad
+    return Fault(_fault_code(state, command, posture.middle, posture.half_range, lean, margin))
 
 
 @compiled
-def _find_fault(state, command, middle, half_range, cos_tilt, margin):
+def _fault_code(state, command, middle, half_range, cos_tilt, margin):
     for value in state:
         if not math.isfinite(value):
             return 1
@@ -113,9 +107,7 @@ def _find_fault(state, command, middle, half_range, cos_tilt, margin):
 
 
 def safe_torque(state: Array, posture: SafePosture, fault: Fault) -> Array:
-    """Torques (20,) that hold the posture; of a falling robot, that only damp; static where a joint's state is
-    unknown.
-    """
+    """Torques (20,) that hold the posture, only damp in a fall, and are static where a joint's state is unknown."""
     q, qd = state[JOINT_POS], state[JOINT_VEL]
     known = np.isfinite(q) & np.isfinite(qd)
     target = q if fault is Fault.TILT else posture.target
@@ -158,7 +150,7 @@ class SafetyMonitor(LeafSystem):
     def _check(self, context: Context, state: State) -> None:
         before = fault = int(context.get_discrete_state_vector().value()[4])
         if before != Fault.TILT:
-            fault = _fault_code(self._state.Eval(context), self._command.Eval(context), self.posture, self.limits)
+            fault = find_fault(self._state.Eval(context), self._command.Eval(context), self.posture, self.limits)
         if fault or before:
             counts = state.get_mutable_discrete_state(0).get_mutable_value()
             counts[4] = fault

@@ -1,4 +1,4 @@
-"""What the robot's sensors and estimators make of the true state: noise, delay, a root pose refreshed now and then.
+"""Sensor model: noise, delay and a root pose refreshed now and then between the true state and the robot.
 
 The one-robot twin of `hotice.sim.sensing.Sensors`, with the state of its random numbers in the Context. The numbers and
 rules, those of delays too, are in `hotice.task.sensing`.
@@ -178,8 +178,8 @@ class SensorModel(LeafSystem):
         self._exact = config.exact and not self._offset.any()
         self._true = PerceptModel(carried)
         self._world_aligned = carried.keypoints_world_aligned
-        self._hold = config.refresh_steps(control_dt_s)
-        self._gain = config.filter_gain(control_dt_s)
+        self._hold = config.hold_steps(control_dt_s)
+        self._gain = config.object_gain(control_dt_s)
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         if self._exact:
             self.DeclareVectorOutputPort("percept", PERCEPT, self._output, {self._state.ticket()})

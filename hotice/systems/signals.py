@@ -14,8 +14,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from hotice.model import g1
 from hotice.model.robot_state import joint_index
 from hotice.policy.guidance import FieldReading
@@ -33,11 +31,3 @@ JOINT_VEL = NQ + 6 + joint_index(20)
 """Where their velocities are, (20,)."""
 TOUCHING_BODIES = tuple(f"{side}_{link}" for link in ("ankle_roll_link", "wrist_yaw_link") for side in g1.SIDES)
 """Bodies of the four parts of `contact_force`."""
-
-
-def torque_limits() -> np.ndarray:
-    """Largest torque of each actuated joint, (20,) [N m], from the robot's description."""
-    from hotice.model import builder
-
-    spec = builder.robot_spec(20).compile()
-    return spec.actuator_forcerange[:, 1].copy()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig
 from hotice.model.dynamics import DynamicsConfig, student_dynamics
 from hotice.model.object_range import ObjectRange
 from hotice.task.contract import Contract
-from hotice.task.history import LONGEST, is_length
+from hotice.task.history import LENGTHS
 from hotice.task.rules import GOAL_M
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
@@ -27,7 +29,7 @@ class TaskConfig(Contract):
     goal_radius_m: float = GOAL_M
     """Arrival: root within this distance of the goal, horizontally."""
     swing_height_m: float = 0.10
-    """Wished height of a swinging sole at its peak (ours; CAT 0.07)."""
+    """Target height of a swinging sole at its peak (ours; CAT 0.07)."""
     objects: ObjectRange = field(default_factory=ObjectRange)
     """Carried objects (paper: at most 3.5 kg, 40 cm)."""
     carry_states: int = 64
@@ -61,9 +63,10 @@ class TaskConfig(Contract):
     """Training: mean time at the goal before an episode is cut short, as by the time limit; 0: it never is (ours)."""
 
     def __post_init__(self) -> None:
-        positive = (
+        checks.numbers(
+            self,
+            Range(above=0, most=MOST),
             "physics_dt_s",
-            "substeps",
             "episode_s",
             "leg_scale_rad",
             "arm_scale_rad",
@@ -73,14 +76,11 @@ class TaskConfig(Contract):
             "goal_radius_m",
             "gait_hz",
             "resolution_m",
-            "carry_states",
             "push_interval_s",
         )
-        for name in positive:
-            value = getattr(self, name)
-            if not 0 < value <= MOST:  # also false for NaN
-                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0, at most {MOST:,}, is needed")
-        for name in (
+        checks.numbers(
+            self,
+            Range(least=0, most=MOST),
             "margin_m",
             "swing_height_m",
             "start_noise_m",
@@ -90,18 +90,14 @@ class TaskConfig(Contract):
             "push_m_s",
             "tolerance_m",
             "goal_stay_s",
-        ):
-            value = getattr(self, name)
-            if not 0 <= value <= MOST:
-                raise InvalidConfig(f"{name} is {value!r}: a finite number from 0 to {MOST:,} is needed")
+        )
+        checks.wholes(self, Range(least=1, most=MOST), "substeps", "carry_states")
         if self.max_steps < 1:
             raise InvalidConfig(
                 f"episode_s is {self.episode_s!r}: at least a control step, {self.control_dt_s:g} s, is needed"
             )
-        if not is_length(self.history):
-            raise InvalidConfig(f"history is {self.history!r}: a whole number from 0 to {LONGEST} is needed")
-        if not 0.0 <= self.anywhere <= 1.0:
-            raise InvalidConfig(f"anywhere is {self.anywhere!r}: a share between 0 and 1 is needed")
+        checks.whole("history", self.history, LENGTHS)
+        checks.number("anywhere", self.anywhere, checks.SHARE)
 
     @property
     def max_steps(self) -> int:
@@ -109,9 +105,7 @@ class TaskConfig(Contract):
         return round(self.episode_s / self.control_dt_s)
 
     def perturbed(self) -> TaskConfig:
-        """The task under noise, delay, pushes and uncertain dynamics, as students are trained; for evaluation see
-        `protocols`.
-        """
+        """The task under noise, delay, pushes, uncertain dynamics, as for students; for evaluation see `protocols`."""
         return replace(
             self, sensing=STUDENT_SENSING, dynamics=student_dynamics(self.physics_dt_s), push_m_s=STUDENT_PUSH_M_S
         )

@@ -1,6 +1,4 @@
-"""The sources of perturbation of students and of evaluation, each of which can be switched off: to see which one costs
-most.
-"""
+"""Sources of perturbation of students and of evaluation, each of which can be switched off to see what it costs."""
 
 from __future__ import annotations
 
@@ -25,9 +23,7 @@ SOURCES = (*SENSED, "pushes", "dynamics")
 
 
 def without(task: TaskConfig, sources: Iterable[str], nominal: DynamicsConfig | None = None) -> TaskConfig:
-    """The task with these sources of perturbation switched off; `nominal`: robots without "dynamics". Raises
-    `UnknownName`.
-    """
+    """The task without these sources of perturbation; `nominal`: robots without "dynamics". Raises `UnknownName`."""
     for source in sources:
         if source in SENSED:
             task = replace(task, sensing=replace(task.sensing, **dict.fromkeys(SENSED[source], 0)))

@@ -2,14 +2,17 @@
 
 The fields tell which way to go and how near the nearest obstacle is; where a foot may land, and how low a beam is, they
 show only once it is within d0. The scan reads the signed distance at fixed points ahead: on two heights along the way
-of each foot, and on three before the upper body. Torch-free: training and deployment read the same numbers.
+of each foot, and on three before the upper body. NumPy or torch: training and deployment read the same numbers.
 """
 
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
+
+from hotice.arrays import namespace
 
 FOOT_AHEAD_M = (-0.25, -0.125, 0.0, 0.125, 0.25, 0.375, 0.5)
 FOOT_HEIGHTS_M = (0.02, 0.12)
@@ -32,6 +35,20 @@ ORIGIN = np.repeat([0, 1, 2], [len(FOOT_POINTS), len(FOOT_POINTS), len(BODY_POIN
 """(40,): what each point goes with: 0 left foot, 1 right foot, 2 pelvis."""
 OFFSETS_M = np.concatenate([FOOT_POINTS, FOOT_POINTS, BODY_POINTS])
 """(40, 2): metres ahead along the heading, height over the floor."""
+
+
+def scan_points(feet_W: Any, p_WP: Any, yaw: Any) -> Any:
+    """Where robots look, (..., 40, 3) in W [m]: ahead of feet and pelvis along the heading, at fixed heights.
+
+    Args:
+        feet_W: (..., 2, 3) left and right foot [m]. p_WP: (..., 3) pelvis [m]. yaw: (...) its heading [rad].
+    """
+    xp = namespace(p_WP)
+    offsets = OFFSETS_M if xp is np else xp.as_tensor(OFFSETS_M, dtype=p_WP.dtype, device=p_WP.device)
+    origins = xp.concat([feet_W[..., :2], p_WP[..., None, :2]], -2)
+    heading = xp.stack([xp.cos(yaw), xp.sin(yaw)], -1)
+    across = origins[..., ORIGIN, :] + heading[..., None, :] * offsets[:, :1]
+    return xp.concat([across, offsets[:, 1:] + xp.zeros_like(across[..., :1])], -1)
 
 
 def nearness(distance_m):

@@ -1,4 +1,4 @@
-"""How well the robot knows its own state and the object's: noise, delays and refresh rate of its sensors.
+"""Sensing of the robot's own state and the object's: noise, delays and refresh rate of its sensors.
 
 The delay model: each episode draws two delays and keeps them. Motors: an action arrives 0 to `action_delay_s` late, in
 whole physics steps; until then they hold the target before. Sensors: in a share `LATE_SHARE` of episodes the policy
@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from hotice.errors import InvalidConfig
+from hotice import checks
+from hotice.checks import Range
 
 LATE_SHARE = 0.5
 """Share of episodes whose measurements come a control step late, where `sensor_delay_steps` is 1 (ours)."""
@@ -58,28 +59,26 @@ class SensingConfig:
     """Longest delay of what is measured, drawn for each episode in control steps (ours: 1)."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
-        if self.sensor_delay_steps not in (0, 1):
-            raise InvalidConfig(f"sensor_delay_steps is {self.sensor_delay_steps!r}: 0 or 1 is allowed")
+        checks.numbers(self, checks.NOT_NEGATIVE, but=("root_tracking",))
+        checks.flag("root_tracking", self.root_tracking)
+        checks.whole("sensor_delay_steps", self.sensor_delay_steps, Range(least=0, most=1))
 
     @property
     def exact(self) -> bool:
         """Whether the actor reads the truth."""
         return not any(vars(self).values())
 
-    def longest_delay(self, control_dt_s: float, substeps: int) -> int:
-        """Most physics steps before an action reaches the motors, at most the `substeps` of a control step."""
-        return min(substeps, round(self.action_delay_s * substeps / control_dt_s))
-
-    def refresh_steps(self, control_dt_s: float) -> int:
-        """Control steps from one refresh of the root's place and heading to the next."""
+    def hold_steps(self, control_dt_s: float) -> int:
+        """Control steps from one refresh of the root to the next."""
         return max(1, round(1.0 / (self.root_hz * control_dt_s))) if self.root_hz else 1
 
-    def filter_gain(self, control_dt_s: float) -> float:
-        """Weight of the newest measurement of the object's pose in the filtered one, when there have been many."""
+    def object_gain(self, control_dt_s: float) -> float:
+        """Weight of the newest pose of the object in its filter, 1 without one; larger in the first steps."""
         return min(1.0, control_dt_s / self.object_filter_s) if self.object_filter_s else 1.0
+
+    def longest_delay(self, control_dt_s: float, substeps: int) -> int:
+        """Physics steps, `substeps` a control step, that an action takes to the motors at most."""
+        return min(substeps, round(self.action_delay_s * substeps / control_dt_s))
 
 
 def draw_delays(config: SensingConfig, control_dt_s: float, substeps: int, seed: int) -> tuple[bool, float]:

@@ -1,9 +1,11 @@
 """Planning a pick-up: kinematics that agree, solvers that name what they cannot keep, a cache that knows what decides a
 plan."""
 
+import ast
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ pytest.importorskip("adam.casadi")
 
 import pinocchio as pin
 
+import hotice
 from hotice.control.pick_plan import Durations, Planner, Support, cache
 from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M, Grip
 from hotice.control.pick_plan.guess import hold as together
@@ -204,6 +207,54 @@ def test_a_damaged_file_is_planned_again(planner, plan, tmp_path, damage):
     assert cache.load(tmp_path, "other") is None
 
 
+NOT_HASHED = {
+    "hotice.compiled": "the same mathematics, compiled",
+    "hotice.control.controller": "Terms.update reads a Measurement; plans are made of configurations",
+    "hotice.errors": "an infeasible pick leaves no plan",
+    "hotice.files": "how a plan is written, not what it is",
+    "hotice.model.scene": "obstacles: the planner's models have none",
+}
+"""Modules that the planner imports and that may change without a plan becoming stale."""
+
+
+def sources_of(name: str) -> set[str]:
+    """Modules of the package that a module imports, anywhere in it; names from a package's face by where they live."""
+    package = Path(hotice.__file__).parent
+
+    def file_of(module: str) -> Path | None:
+        path = package.parent.joinpath(*module.split("."))
+        return next((f for f in (path / "__init__.py", path.with_suffix(".py")) if f.is_file()), None)
+
+    def imports(module: str) -> list[tuple[str, str]]:
+        nodes = ast.walk(ast.parse(file_of(module).read_text(encoding="utf-8")))
+        return [(n.module or "", a.name) for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names]
+
+    def home(module: str, name: str) -> str:
+        if file_of(f"{module}.{name}"):
+            return f"{module}.{name}"
+        if file_of(module).name == "__init__.py":
+            return next(home(*found) for found in imports(module) if found[1] == name)
+        return module
+
+    return {home(*found) for found in imports(name) if found[0].startswith("hotice")}
+
+
+def test_the_key_holds_every_source_that_decides():
+    """What the planner imports, and what that imports, is hashed or there is a reason why not."""
+    package = Path(hotice.__file__).parent
+    hashed = {".".join(("hotice", *f.relative_to(package).with_suffix("").parts)) for f in cache.SOURCES}
+    todo, seen = ["hotice.control.pick_plan.planner"], set()
+    while todo:
+        name = todo.pop()
+        if name not in seen | NOT_HASHED.keys():
+            seen.add(name)
+            todo += sources_of(name)
+    assert seen <= hashed, f"plans would outlive a change of {', '.join(sorted(seen - hashed))}"
+    assert "hotice.control.pick_plan.paths.nlp" in seen and "hotice.model.carry" in seen
+    assert all(any(reason in sources_of(name) for name in seen) for reason in NOT_HASHED), "an entry without a use"
+    assert all(name in seen for name in hashed if not name.endswith("__init__")), "hashed, but not imported"
+
+
 def test_the_cache_keeps_the_newest(plan, tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "MOST_FILES", 2)
     import os
@@ -227,7 +278,7 @@ def test_plans_are_kept_by_content_of_the_task(planner, plan):
 @pytest.mark.parametrize(
     "place, why",
     [
-        ([0.39, 0.02, np.nan], "p_GO has shape"),
+        ([0.39, 0.02, np.nan], "p_GO holds numbers that are not finite"),
         ([1.4, 0.0, 0.66], "x 1.40.*cannot be grasped standing; stand nearer.*is violated by"),
         ([0.39, 0.6, 0.66], "y 0.60.*cannot be grasped standing"),
     ],
@@ -243,7 +294,8 @@ def test_a_cached_plan_costs_neither_drake_nor_casadi(planner, plan):
         "import sys, numpy as np\n"
         "from hotice.control.pick_plan import Planner, Support\n"
         "from hotice.model import Box\n"
-        f"p = Planner(Box({BOX.size_m}, {BOX.mass_kg}), Support(top_m=0.52, near_m=0.24), folder={str(planner.folder)!r})\n"
+        f"box, support = Box({BOX.size_m}, {BOX.mass_kg}), Support(top_m=0.52, near_m=0.24)\n"
+        f"p = Planner(box, support, folder={str(planner.folder)!r})\n"
         f"p.plan(p.start_q, {PLACE.tolist()}, {QUAT.tolist()})\n"
         "assert not {'pydrake', 'casadi', 'adam'} & set(sys.modules)\n"
     )

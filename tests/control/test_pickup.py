@@ -18,10 +18,11 @@ from hotice.control.pickup import Pickup, PickupConfig, Stance
 from hotice.control.pickup.footwork import ease
 from hotice.control.pickup.phases import along
 from hotice.control.pickup.tracking import Tracking
-from hotice.control.whole_body.terms import FEET, LEFT_HAND, Terms, torque_limits
+from hotice.control.whole_body.terms import FEET, LEFT_HAND, Terms
 from hotice.errors import CarryInfeasible, HoticeError, InvalidConfig, PickInfeasible
-from hotice.model import Box, Cylinder, Sphere
+from hotice.model import Box, Cylinder, Sphere, g1
 from hotice.model.frames import quat_from_axis_angle, quat_from_yaw, quat_mul, quat_rotate, quat_to_mat
+from hotice.model.joint_limits import torque_limits
 
 BOX, TOP_M = Box((0.26, 0.28, 0.28), 1.5), 0.52
 PLACE, QUAT = np.array([NEAR_M + 0.02 + 0.13, 0.02, TOP_M + 0.14]), quat_from_yaw(0.1)
@@ -192,7 +193,7 @@ def test_measurements_that_are_not_finite_hold_and_count(pickup, standing, name)
     broken.flat[0] = np.nan
     bad, after, _ = drive(pickup, memory, measurement, 0.1, **{name: broken})
     assert bad.faults == command.faults + 20 and bad.phase == "settle"
-    assert np.isfinite(bad.torque).all() and (np.abs(bad.torque) <= torque_limits()).all()
+    assert np.isfinite(bad.torque).all() and (np.abs(bad.torque) <= torque_limits(g1.ACTION_JOINTS)).all()
     again, _, _ = drive(pickup, after, measurement, 0.005)
     assert again.faults == bad.faults
     np.testing.assert_allclose(again.torque, good, atol=1.0)

@@ -18,10 +18,11 @@ from hotice.control.whole_body.contacts import PALM_M, SOLE_POINTS_M, Contacts
 from hotice.control.whole_body.qp import FEET, FIRST_CONE, HANDS, NV, QpConfig, WholeBodyQp
 from hotice.control.whole_body.solvers import Guess, Problem, make_solver
 from hotice.control.whole_body.tasks import Targets
-from hotice.control.whole_body.terms import FRAMES, PELVIS, Terms, robot_model, torque_limits
+from hotice.control.whole_body.terms import FRAMES, PELVIS, Terms, robot_model
 from hotice.errors import HoticeError, InvalidConfig, UnknownName
 from hotice.model import Box, builder, g1
 from hotice.model.carry import solve_carry
+from hotice.model.joint_limits import torque_limits
 
 CARRY = solve_carry(Box((0.25, 0.25, 0.25), 2.0))
 
@@ -123,7 +124,7 @@ def test_points_of_soles_and_palms_are_those_of_the_description():
         palms = np.array([model.geom(f"{side}_palm_{k}").pos for k in range(4)]) - model.site(f"{side}_hand").pos
         np.testing.assert_allclose(palms, PALM_POINTS_M, atol=1e-9)
         assert model.geom(f"{side}_palm_0").size[0] == PALM_RADIUS_M == abs(PALM_M[i, 1])
-    np.testing.assert_allclose(torque_limits()[[0, 1, 3, 4, 12]], [88, 139, 139, 50, 25])
+    np.testing.assert_allclose(torque_limits(g1.ACTION_JOINTS)[[0, 1, 3, 4, 12]], [88, 139, 139, 50, 25])
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -158,7 +159,7 @@ def test_solution_obeys_dynamics_cones_and_limits(plant, seed):
         load += 0.5 * (acceleration[:3] + np.cross(acceleration[3:], r) + np.cross(w, np.cross(w, r)))
     np.testing.assert_allclose(residual, 0.0, atol=2e-3)
     np.testing.assert_allclose(2.5 * (load + [0, 0, 9.81]) + hands.sum(axis=0), 0.0, atol=1e-3)
-    assert (np.abs(torque) <= 0.95 * torque_limits() + 1e-3).all()
+    assert (np.abs(torque) <= 0.95 * torque_limits(g1.ACTION_JOINTS) + 1e-3).all()
     ahead = measurement.joint_pos + 0.1 * measurement.joint_vel + 0.005 * a[6:]
     assert (ahead >= terms.lower - 1e-4).all() and (ahead <= terms.upper + 1e-4).all()
 
@@ -170,7 +171,7 @@ def test_torque_limits_bind(plant):
     targets.joint_acc[12:] = 1e3
     targets.joint_weight[12:] = 100.0
     torque = qp.solve(plant.measure(), targets, contacts, qp.start(plant.measure()))
-    limit = 0.5 * torque_limits()
+    limit = 0.5 * torque_limits(g1.ACTION_JOINTS)
     assert (np.abs(torque) <= limit + 1e-3).all()
     assert (np.abs(torque) > limit - 1e-2).any()
 
@@ -259,7 +260,7 @@ def test_measurements_that_are_not_finite_fall_back(plant, name, value):
     broken[1] = value
     for _ in range(15):  # beyond those that only repeat the torque
         torque = qp.solve(replace(plant.measure(), **{name: broken}), targets, contacts, memory)
-        assert np.isfinite(torque).all() and (np.abs(torque) <= torque_limits()).all()
+        assert np.isfinite(torque).all() and (np.abs(torque) <= torque_limits(g1.ACTION_JOINTS)).all()
     assert memory.faults == 15
     np.testing.assert_allclose(qp.solve(plant.measure(), targets, contacts, memory), good, atol=0.2)
 
@@ -326,7 +327,7 @@ def test_bad_parameters_say_so():
         QpConfig(foot_friction=-1.0)
     with pytest.raises(InvalidConfig, match="at most 1"):
         QpConfig(torque_share=1.5)
-    with pytest.raises(InvalidConfig, match="6 finite angles"):
+    with pytest.raises(InvalidConfig, match="g1.WRIST_JOINTS.*6 finite numbers"):
         robot_model([0.0, np.nan, 0, 0, 0, 0])
     with pytest.raises(UnknownName, match="left_hand"):
         Targets().gain_frame("nose", 1.0, 1.0)

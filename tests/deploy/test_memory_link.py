@@ -190,6 +190,7 @@ def test_a_second_publisher_is_noticed():
     run = Run()
     other = run.bus.link()
     run.steps(3)
+    other.state()
     other.publish(STAND)
     check_sole_publisher(run.link, run.clock)  # what was before does not count
 

@@ -1,9 +1,11 @@
 import subprocess
 import sys
 
+import numpy as np
+import pytest
 import torch
 
-from hotice.fields.alignment import cosine, encode, residual_cosine
+from hotice.fields.alignment import ENCODE_SCALE, cosine, encode, observed, residual_cosine
 
 
 def test_cosine_values():
@@ -30,6 +32,26 @@ def test_residual_removes_the_common_command():
     together = residual_cosine(c[:, None] + lift, c[:, None] + 2 * lift, c)
     torch.testing.assert_close(together, torch.ones(1, 2), atol=0.03, rtol=0)
     assert residual_cosine(c[:, None] + lift, c[:, None].expand(1, 2, 3), c).abs().max() == 0
+
+
+@pytest.mark.parametrize("scale", [ENCODE_SCALE, 1.0])
+def test_numpy_and_torch_give_the_same(scale):
+    rng = np.random.default_rng(0)
+    a, b, c, away = rng.normal(size=(7, 3)), rng.normal(size=(7, 3)), rng.normal(size=3), rng.uniform(-1.0, 1.0, 7)
+    a[0] = 0.0
+    tensors = [torch.from_numpy(x) for x in (a, b, c, away)]
+    ours = (cosine(a, b, 0.1), residual_cosine(a, b, c, 0.1), encode(a, scale), observed(a, away))
+    theirs = (
+        cosine(*tensors[:2], 0.1),
+        residual_cosine(*tensors[:3], 0.1),
+        encode(tensors[0], scale),
+        observed(tensors[0], tensors[3]),
+    )
+    for one, other in zip(ours, theirs, strict=True):
+        assert isinstance(one, np.ndarray) and isinstance(other, torch.Tensor)
+        np.testing.assert_allclose(one, other, atol=1e-14)
+    np.testing.assert_allclose(ours[2][:, 3], np.tanh(np.linalg.norm(a, axis=1) / scale), atol=1e-9)
+    np.testing.assert_allclose(ours[3][:, 4], 2.0 * away.clip(-0.1, 0.5))
 
 
 def test_encode():

@@ -58,7 +58,10 @@ GOOD = {
 }
 TETRA = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
 PCD = b"VERSION 0.7\nFIELDS x y z i\nSIZE 4 4 4 1\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA "
-PLY = b"\nelement vertex 2\nproperty float x\nproperty double y\nproperty float z\nproperty list uchar int k\nend_header\n"
+PLY = (
+    b"\nelement vertex 2\nproperty float x\nproperty double y\nproperty float z\n"
+    b"property list uchar int k\nend_header\n"
+)
 
 numbers = st.one_of(
     st.floats(),
@@ -200,8 +203,8 @@ def test_ply_files():
         (json.dumps(GOOD).replace("2.5", "1e400").encode(), "finite number"),
         (json.dumps(GOOD).replace("2.5", "9" * 5000).encode(), "not JSON"),
         (json.dumps(GOOD).replace("2.5", "9" * 400).encode(), "an integer"),
-        (json.dumps(GOOD).replace("0.1}", "1e-300}").encode(), "above 0 is needed"),
-        (json.dumps(GOOD).replace("0.9, 0.5", "1e300, 0.5").encode(), "at most 10000"),
+        (json.dumps(GOOD).replace("0.1}", "1e-300}").encode(), "a finite number from 1e-06 to 10000 is needed"),
+        (json.dumps(GOOD).replace("0.9, 0.5", "1e300, 0.5").encode(), "within ±10000"),
         (json.dumps(GOOD | {"bounds_m": [[-9000, -9000, 0], [9000, 9000, 1.5]]}).encode(), "grid nodes"),
         (json.dumps(GOOD | {"bounds_m": [[0, 0, 0], [2, 0, 1.5]]}).encode(), "must grow"),
         (json.dumps(GOOD | {"obstacles": [{}] * 5001}).encode(), "lacks"),

@@ -1,4 +1,4 @@
-"""The fields' own eta, default and another: the environment commands and rewards what a station reads in the same fields."""
+"""The fields' own eta, default and another: the environment commands and rewards what a station reads in them."""
 
 from dataclasses import replace
 

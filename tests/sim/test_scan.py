@@ -9,7 +9,6 @@ from hotice.model.objects import Box
 from hotice.model.scene import Obstacle, Scene
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.observations import ObservationTable, policy_rows
-from hotice.sim.scan import scan_points
 from hotice.sim.snapshot import FEET
 from hotice.task import scan
 
@@ -26,7 +25,7 @@ def env():
 
 def test_points_go_with_feet_and_pelvis_and_turn_with_the_heading(env):
     s = env.snapshot()
-    points = scan_points(s)
+    points = scan.scan_points(s.p_WK[:, FEET], s.p_WP, s.yaw)
     assert points.shape == (6, scan.NUM_SCAN, 3)
     np.testing.assert_allclose(points[:, :, 2], np.tile(scan.OFFSETS_M[:, 1], (6, 1)), atol=1e-7)
     origins = torch.stack([s.p_WK[:, FEET[0]], s.p_WK[:, FEET[1]], s.p_WP], dim=1)[:, scan.ORIGIN]
@@ -36,9 +35,19 @@ def test_points_go_with_feet_and_pelvis_and_turn_with_the_heading(env):
     np.testing.assert_allclose(ahead.norm(dim=2), np.abs(np.tile(scan.OFFSETS_M[:, 0], (6, 1))), atol=1e-6)
 
 
+def test_one_robot_in_numpy_looks_where_its_row_of_the_batch_does(env):
+    s = env.snapshot()
+    seen = [t.double() for t in (s.p_WK[:, FEET], s.p_WP, s.yaw + torch.linspace(-3.0, 3.0, 6))]
+    points = scan.scan_points(*seen)
+    for i in range(6):
+        alone = scan.scan_points(*(t[i].numpy() for t in seen))
+        assert isinstance(alone, np.ndarray) and alone.shape == (scan.NUM_SCAN, 3)
+        np.testing.assert_allclose(alone, points[i], atol=1e-12)
+
+
 def test_it_reads_the_distance_to_the_block(env):
     s = env.snapshot()
-    points = scan_points(s).numpy()
+    points = scan.scan_points(s.p_WK[:, FEET], s.p_WP, s.yaw).numpy()
     gap = np.abs(points - BLOCK.position_m) - np.array([0.05, 0.8, 0.08])
     wanted = np.linalg.norm(np.maximum(gap, 0.0), axis=2) + np.minimum(gap.max(axis=2), 0.0)
     near = np.abs(wanted) < 0.25

@@ -128,6 +128,9 @@ def test_made_from_keyword_arguments(bank, carry):
 
 
 def test_importing_the_simulation_does_not_import_gymnasium():
-    code = "import sys, hotice.sim as s; a = 'gymnasium' in sys.modules; s.HoticeVectorEnv; print(a, 'gymnasium' in sys.modules)"
+    code = (
+        "import sys, hotice.sim as s; a = 'gymnasium' in sys.modules; s.HoticeVectorEnv; "
+        "print(a, 'gymnasium' in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.split() == ["False", "True"]

@@ -248,12 +248,12 @@ def test_what_is_told_of_a_hand_over(ready):
     report = report_hand_over(station, logs_of(station, [0, 0, 1, 1], [-1, -1, 0, 0]))
     assert report == HandOverReport(who="policy", time_s=pytest.approx(0.2), verdict="fit", failure="")
     report = report_hand_over(station, logs_of(station, [0, 2, 2], [-1, 1, 1]))
-    assert report.fell_back and "walk carried on" in str(report) and "rehearsal ended in a fall" in str(report)
+    assert report.fell_back and "handed over to the walk (policy rehearsal: fall)" in str(report)
     report = report_hand_over(station, logs_of(station, [0, 3, 3], [-1, 1, 1], of_walk=3.0))
     assert report.held and not report.fell_back and not report.failure and report.walk_verdict == "robot_collision"
-    assert "handed to no one" in str(report) and "in a fall, the walk's in a robot collision" in str(report)
+    assert "keeps holding (policy rehearsal: fall; walk: robot collision)" in str(report)
     report = report_hand_over(station, logs_of(station, [0, 3, 3], [-1, 1, 1], of_walk=6.0))
-    assert "the walk found no way" in str(report)
+    assert "walk: no path" in str(report)
     report = report_hand_over(station, logs_of(station, [0, 1, 1], [-1, 0, 0], _2=0.3))
     assert (report.failure, report.failed_s) == ("fall", pytest.approx(0.1))
     assert report_hand_over(station, logs_of(station, [0, 1, 1], [-1, 0, 0], _38=1.4)).failure == "drop"

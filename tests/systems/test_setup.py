@@ -5,22 +5,38 @@ from dataclasses import FrozenInstanceError, fields, replace
 import numpy as np
 import pytest
 
+from hotice.control.pickup.footwork import Departure
 from hotice.errors import InvalidConfig, MissingExtra
 from hotice.model import Scene
-from hotice.systems import StationConfig, make_station
+from hotice.systems import Station, StationConfig, make_station
 from hotice.systems.setup.setup import CONTROLLERS, StationSetup
 
-ATTRIBUTES = "config plant_name controller_name motors torques scene world policy task physics_dt_s carry pf pick robot start_qpos"
+ATTRIBUTES = (
+    *(
+        "config",
+        "plant_name",
+        "controller_name",
+        "motors",
+        "torques",
+        "scene",
+        "world",
+        "policy",
+        "task",
+        "physics_dt_s",
+    ),
+    *("carry", "pf", "pick", "robot", "start_qpos"),
+)
 """Names of the station that are used from outside; `walk_plan` beside."""
 
 
 def test_a_station_shows_its_setup(station):
-    assert {field.name for field in fields(StationSetup)} <= set(ATTRIBUTES.split())
-    for name in ATTRIBUTES.split():
+    assert {field.name for field in fields(StationSetup)} <= set(ATTRIBUTES)
+    for name in ATTRIBUTES:
         assert np.all(getattr(station, name) == getattr(station.setup, name)), name
     assert station.robot is station.setup.robot and station.pick is None and station.world is station.scene
-    walking = make_station(controller="walk")
-    assert walking.walk_plan is walking.setup.walk_plan and len(walking.walk_plan.footsteps) > 4
+    setup = replace(station.setup)
+    setup.__dict__["walk_plan"] = plan = object()
+    assert Station(setup).walk_plan is plan
 
 
 def test_a_setup_is_decided_once():
@@ -37,7 +53,8 @@ def test_a_setup_is_decided_once():
 @pytest.mark.parametrize("plant", ["mujoco", "drake"])
 def test_who_commands_torques(plant, controller, monkeypatch):
     """Model-based controllers always; the policy's servo only in the Drake plant, and only where it is one."""
-    monkeypatch.setattr("hotice.systems.setup.pick.plan_pick", lambda config, *_: PICKED)
+    monkeypatch.setattr("hotice.systems.setup.pick.plan_pick", lambda *_: PICKED)
+    monkeypatch.setattr("hotice.systems.setup.departure.plan_departure", lambda *_: Departure())
     for servo in ("pd", "motor"):
         setup = StationSetup.decide(StationConfig(servo=servo), plant, controller)
         based = controller not in ("policy", "hold")

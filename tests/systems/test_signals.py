@@ -5,10 +5,11 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from hotice.model import builder, g1
+from hotice.model.joint_limits import torque_limits
 from hotice.model.robot_state import RobotState
 from hotice.systems.drake_plant import DrakePlant
 from hotice.systems.joint_pd import JointPd, pd_torque
-from hotice.systems.signals import JOINT_POS, JOINT_VEL, torque_limits
+from hotice.systems.signals import JOINT_POS, JOINT_VEL
 from hotice.systems.state_adaptor import (
     DrakeStateAdaptor,
     MujocoStateAdaptor,
@@ -62,7 +63,7 @@ def test_drake_state(carry, beam, rng, run):
 
 def test_servo(carry, rng, run):
     kp, kd = g1.gains()
-    limit = torque_limits()
+    limit = torque_limits(g1.ACTION_JOINTS)
     for scale in (0.1, 3.0):
         q, qd = carry.joint_pos + scale * rng.standard_normal(20), scale * rng.standard_normal(20)
         torque = run(JointPd(), "torque", joint_target=carry.joint_target, joint_state=np.append(q, qd))
@@ -77,7 +78,7 @@ def test_servo_is_the_motors_own(carry, rng):
     data.qpos[:], data.qvel[:] = carry.qpos(), 0.3 * rng.standard_normal(32)
     data.ctrl[:] = carry.joint_target + 0.2 * rng.standard_normal(20)
     mujoco.mj_forward(model, data)
-    torque = pd_torque(data.ctrl, data.qpos[7:27], data.qvel[6:26], *g1.gains(), torque_limits())
+    torque = pd_torque(data.ctrl, data.qpos[7:27], data.qvel[6:26], *g1.gains(), torque_limits(g1.ACTION_JOINTS))
     np.testing.assert_allclose(torque, data.actuator_force, atol=1e-10)
 
 

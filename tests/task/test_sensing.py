@@ -58,10 +58,10 @@ def test_the_first_measurement_is_never_late():
 @pytest.mark.parametrize("hz, dt_s, steps", [(0.0, 0.02, 1), (10.0, 0.02, 5), (50.0, 0.02, 1), (200.0, 0.02, 1)])
 def test_refreshes_come_in_whole_steps(hz, dt_s, steps):
     config = SensingConfig(root_hz=hz)
-    assert config.refresh_steps(dt_s) == steps == batch(config, 1).hold_steps
+    assert config.hold_steps(dt_s) == steps == batch(config, 1).hold_steps
 
 
 @pytest.mark.parametrize("time_s, gain", [(0.0, 1.0), (0.2, 0.1), (0.01, 1.0)])
 def test_the_filter_forgets_with_its_time(time_s, gain):
     config = SensingConfig(object_filter_s=time_s)
-    assert config.filter_gain(0.02) == pytest.approx(gain) and batch(config, 1).gain == pytest.approx(gain)
+    assert config.object_gain(0.02) == pytest.approx(gain) and batch(config, 1).gain == pytest.approx(gain)

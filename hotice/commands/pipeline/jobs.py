@@ -139,9 +139,7 @@ class JobProcess:
 
 
 def to_argv(options: Mapping[str, Any]) -> list[str]:
-    """Options as they stand on a command line: `{"num_envs": 8, "perturbed": False}` -> `--num-envs 8
-    --no-perturbed`.
-    """
+    """Options as command line arguments: `{"num_envs": 8, "perturbed": False}` -> `--num-envs 8 --no-perturbed`."""
     argv: list[str] = []
     for name, value in options.items():
         flag = name.replace("_", "-")

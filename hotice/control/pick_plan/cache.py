@@ -28,11 +28,13 @@ MOST_FILES = 2000
 MAX_BYTES = 2**20
 SOLVERS = ("drake", "casadi", "adam-robotics", "pin")
 _PACKAGE = Path(__file__).resolve().parent
-_SOURCES = (
+_MODEL = ("builder", "carry", "frames", "g1", "least_squares", "objects", "self_contact")
+SOURCES = (
     *sorted(_PACKAGE.rglob("*.py")),
     *(_PACKAGE.parent / "whole_body" / f"{name}.py" for name in ("terms", "contacts")),
-    *(_PACKAGE.parents[1] / "model" / f"{name}.py" for name in ("carry", "least_squares", "builder", "objects")),
+    *(_PACKAGE.parents[1] / "model" / f"{name}.py" for name in _MODEL),
 )
+"""Files that decide what a plan is: when one of them changes, all picks are planned anew."""
 
 
 class BrokenPlanFile(UserWarning):
@@ -94,7 +96,7 @@ def load(folder: Path, key: str) -> PickPlan | None:
 def _planner() -> str:
     """Hash of the robot's description, of the sources that plan, and the versions of the solvers."""
     digest = hashlib.sha256(Path(g1.xml_path()).read_bytes())
-    for path in _SOURCES:
+    for path in SOURCES:
         digest.update(path.read_bytes())
     for name in SOLVERS:
         try:

@@ -1,6 +1,4 @@
-"""How one object is gripped and held, wherever it stands: height of the palms, locked wrists, the carry state it ends
-in.
-"""
+"""Grip of one object, wherever it stands: height of the palms, locked wrists, the carry state it ends in."""
 
 from __future__ import annotations
 
@@ -36,7 +34,7 @@ READY_ARM = np.array([0.8, 0.6, 0.9, -0.7])  # left: hands wide and drawn back [
 
 @dataclass(frozen=True, kw_only=True)
 class Grip:
-    """Of one object from one support.
+    """Grip of one object from one support.
 
     Attributes:
         above_m: height of the palms above the object's centre.

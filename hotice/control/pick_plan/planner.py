@@ -1,6 +1,4 @@
-"""Plans picks of one object from one support: first guesses, keyframes, paths; what was planned before comes from the
-cache.
-"""
+"""Planner of picks of one object from one support: first guesses, keyframes, paths; known plans come from the cache."""
 
 from __future__ import annotations
 
@@ -10,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice import checks
 from hotice.control.pick_plan import cache
 from hotice.control.pick_plan.grip import Grip, ready_joints
 from hotice.control.pick_plan.plan import Durations, PickPlan, Support
@@ -64,12 +63,9 @@ class Planner:
 
         Raises `PickInfeasible`, naming the constraint that cannot be kept.
         """
-        q, p, quat = _finite("q_start", q_start, 27), _finite("p_GO", p_GO, 3), _finite("quat_GO", quat_GO, 4)
-        q, p, quat = (
-            np.round(q, ROUNDED),
-            np.round(p, ROUNDED),
-            np.round(np.asarray(normalize(quat), dtype=np.float64), ROUNDED),
-        )
+        q = np.round(checks.array("q_start", q_start, 27, error=PickInfeasible), ROUNDED)
+        p = np.round(checks.array("p_GO", p_GO, 3, error=PickInfeasible), ROUNDED)
+        quat = np.round(normalize(checks.array("quat_GO", quat_GO, 4, error=PickInfeasible)), ROUNDED)
         q[3:7] = normalize(q[3:7])
         task = PickTask.of(self.grip, self.terms, q, p, quat)
         key = cache.plan_key(task, self.durations) if self.folder is not None else ""
@@ -81,9 +77,7 @@ class Planner:
         return plan
 
     def fits(self, plan: PickPlan, q_start: Array, p_GO: Array, quat_GO: Array) -> bool:
-        """Whether a plan made before serves here too: feet and object within `SAME_M` and `SAME_RAD` of where they
-        were.
-        """
+        """True if an earlier plan serves here: feet and object moved by at most `SAME_M` and `SAME_RAD`."""
         now = PickTask.of(self.grip, self.terms, q_start, p_GO, quat_GO)
         feet = frames_at(self.terms, plan.to_crouch[0], FEET)
         turned = [np.linalg.norm(a - b) / np.sqrt(2.0) for a, b in zip(feet.R, now.feet.R, strict=True)]
@@ -120,10 +114,3 @@ class Planner:
         from hotice.control.pick_plan.keyframes.robot import DrakeRobot
 
         return DrakeRobot(self.wrist_pos)
-
-
-def _finite(name: str, value: ArrayLike, size: int) -> Array:
-    array = np.asarray(value, dtype=float)
-    if array.shape != (size,) or not np.isfinite(array).all():
-        raise PickInfeasible(f"{name} has shape {array.shape}: {size} finite numbers are needed")
-    return array

@@ -1,4 +1,4 @@
-"""Where a pick-up leaves robot and object: the carry state from which a carrying controller takes over."""
+"""End of a pick-up: the carry state in which it leaves robot and object and a carrying controller takes over."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a pick-up remembers from step to step, and what it hands on within one."""
+"""Memory of a pick-up from step to step, and what it hands on within one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class PickupMemory:
         stance: the frame G of all that follows, None before the first finite measurement. start: (27,) the robot at the
         start. phase, since_s: what is done and since when. plan: of the present attempt; None while there is none.
         came_from: (27,) reference when the phase began. reference: (27,) of the last step.
-        squeeze_n: present wished force of each hand. lost_since_s: since when a hand feels too little.
+        squeeze_n: present target force of each hand. lost_since_s: since when a hand feels too little.
         course, com0: of the steps that are being taken, and the common centre of mass (2,) when they began.
         failure: why the pick-up was aborted, empty where it was not. attempt: grasps begun.
     """

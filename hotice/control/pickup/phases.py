@@ -1,8 +1,8 @@
-"""What comes next: the phases of a pick-up, what each asks of the robot and when it ends.
+"""Phases of a pick-up: what each asks of the robot, when it ends and what follows.
 
-A plan made ahead is followed as long as feet and object are where it has them; else a new one is made. Making one takes
-longer than a control step, and the torques of the last step go on meanwhile. The first plan is therefore made before the
-first step, while the robot stands; in a step one is made only for an object that has moved since.
+A plan made ahead is followed as long as feet and object are where it has them; else a new one is made. Making one
+takes longer than a control step, and the torques of the last step go on meanwhile. The first plan is therefore made
+before the first step, while the robot stands; in a step one is made only for an object that has moved since.
 """
 
 from __future__ import annotations
@@ -38,7 +38,10 @@ class Phases:
         self._carried = planner.carried
 
     def foresee(self, memory: PickupMemory, m: Measurement) -> None:
-        """Plans for the object as it is seen before the first step; what hinders is told when it is time to go."""
+        """Plan for the object as seen before the first step; if there is none, `memory.plan` stays None.
+
+        The reason is reported when the motion begins.
+        """
         try:
             memory.plan = self._plan_for(memory, m)
         except PickInfeasible:

@@ -1,4 +1,4 @@
-"""Where the robot stands when a pick-up begins: the frame G in which it is planned and done."""
+"""Stance at the start of a pick-up: the frame G in which it is planned and done."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice import checks
 from hotice.control.controller import Measurement
 from hotice.control.pickup.footwork import SOLE_AHEAD_M
 from hotice.control.whole_body.terms import FEET, Terms
-from hotice.errors import InvalidConfig
 from hotice.model.frames import quat_from_yaw, quat_mul
 
 Array = NDArray[np.float64]
@@ -25,12 +25,11 @@ class Stance:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        if not np.isfinite([self.x, self.y, self.yaw]).all():
-            raise InvalidConfig(f"stance is x {self.x}, y {self.y}, yaw {self.yaw}: finite numbers are needed")
+        checks.numbers(self, checks.ANY)
 
     @classmethod
     def of(cls, terms: Terms, q: Array) -> Stance:
-        """Of a standing configuration (27,) in W; `terms` serve as scratch."""
+        """Stance of a standing configuration (27,) in W; `terms` serve as scratch."""
         terms.q[:], terms.v[:] = q, 0.0
         terms.refresh()
         ahead = terms.R_WF[FEET, :2, 0].sum(axis=0)

@@ -1,4 +1,4 @@
-"""How it is done: tasks and contacts of the whole-body QP that follow the reference of a pick-up."""
+"""Tracking of a pick-up's reference: tasks and contacts of the whole-body QP."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Tracking:
             t.gain_frame(foot, 30.0, 16.0)
 
     def follow(self, memory: PickupMemory, motion: Motion) -> None:
-        """Wishes and forces of this step."""
+        """Targets and forces of this step."""
         ref, t, k = self._ref, self.targets, self.contacts
         ref.q[:], ref.v[:] = memory.reference, motion.rate
         ref.refresh()
@@ -69,7 +69,7 @@ class Tracking:
                 self._bear(memory, memory.plan.p_HO)
 
     def _press(self, memory: PickupMemory) -> None:
-        """Wished forces of the hands along the line between the palms as they are: no moment on the object."""
+        """Target forces of the hands along the line between the palms as they are: no moment on the object."""
         ref, true, k = self._ref, self._true, self.contacts
         point = k.hand_point if memory.plan is None else memory.plan.hand_point
         press = true.p_WF[HANDS] + np.einsum("hij,hj->hi", true.R_WF[HANDS], point)

@@ -1,6 +1,4 @@
-"""A walking baseline that carries the object: footsteps along the guidance field, DCM, step adjustment, whole-body
-QP.
-"""
+"""Walking baseline that carries the object: footsteps along the field, DCM, step adjustment, whole-body QP."""
 
 from typing import TYPE_CHECKING, Any
 

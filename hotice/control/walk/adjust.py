@@ -1,5 +1,4 @@
-"""Step adjustment: where and when the swing foot lands, and how far the zero-moment point leaves the middle of the
-sole.
+"""Step adjustment: place and time of the next landing, and the zero-moment point's distance from the sole's middle.
 
 With the zero-moment point at r + delta, r the middle of the stance foot, the DCM at the landing in time T is
 
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidConfig
+from hotice import checks
 
 Array = NDArray[np.float64]
 NUM = 5
@@ -45,13 +44,9 @@ class AdjustConfig:
     """Foothold beside the stance foot, on its own side, least and most [m]."""
 
     def __post_init__(self) -> None:
-        for name in ("foothold_weight", "offset_weight", "zmp_weight", "timing_weight"):
-            if not getattr(self, name) > 0:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a weight above 0 is needed")
-        for name in ("forward_m", "sideways_m"):
-            low, high = getattr(self, name)
-            if not low < high:
-                raise InvalidConfig(f"{name} is {(low, high)!r}: least must be below most")
+        checks.numbers(self, checks.POSITIVE, "foothold_weight", "offset_weight", "zmp_weight", "timing_weight")
+        checks.interval("forward_m", self.forward_m)
+        checks.interval("sideways_m", self.sideways_m)
 
 
 @dataclass(frozen=True)
@@ -96,6 +91,7 @@ class StepAdjuster:
             shift_s: by how much the landing may come earlier and later [s]. slack_m: by how much it may be moved back,
                 ahead and away from the stance foot [m]. freeze: keep foothold and time.
         """
+        # All in the frame of the stance foot, in which reach and the sole are boxes.
         c, s = np.cos(stance_yaw), np.sin(stance_yaw)
         R = np.array([[c, -s], [s, c]])
         xi, p, b = R.T @ (dcm - stance), R.T @ (foothold - stance), R.T @ offset
@@ -113,6 +109,7 @@ class StepAdjuster:
         else:
             low[1] = max(low[1], p[1] - slack_m[2])
         low, high = np.minimum(low, p), np.maximum(high, p)  # the plan itself is always allowed
+        # Time enters as the ratio of exponentials, in which the problem is linear.
         t_low, t_high = np.exp(omega * shift_s[0]), np.exp(omega * shift_s[1])
         if freeze:
             low, high, t_low, t_high = p, p, 1.0, 1.0
@@ -127,6 +124,7 @@ class StepAdjuster:
             stance + R @ x[:2],
             R @ (offset_of @ x),
             stance + R @ np.clip(x[2:4], -reach, reach),
+            # From the ratio of exponentials back to a time.
             float(np.log(max(x[4], 1e-6) * tau) / omega),
             solved,
         )
@@ -163,6 +161,7 @@ class StepAdjuster:
             self._solver.update(q=g, Px=entries, l=lower, u=upper)
         result = self._solver.solve(raise_error=False)
         if result.info.status != "solved" or not np.isfinite(result.x).all():
+            # What a failed solve leaves in its work space is unknown: the next one starts from a new one.
             self._solver = None
             return otherwise, False
         return np.clip(unit * np.asarray(result.x), unit * lower, unit * upper), True

@@ -1,4 +1,4 @@
-"""How the arms hold the load level while the trunk leans.
+"""Arm angles that hold the load level while the trunk leans.
 
 Palms stick to the object, so both move as one chain: four joints of each arm, and the object's height, distance and
 pitch. With the wrists locked one degree of freedom is left, and it turns the object about the hands' axis: the forearms
@@ -56,9 +56,7 @@ def _trunk(wrist_pos: tuple[float, ...]) -> mujoco.MjModel:
 
 
 def level_arms(state: CarryState) -> ArmTable:
-    """Arm angles by lean, from the grasp of a carry state. Raises `CarryInfeasible` where the palms would leave the
-    object.
-    """
+    """Arm angles by lean, from a carry state's grasp. Raises `CarryInfeasible` if the palms would leave the object."""
     from scipy.optimize import least_squares
 
     model = _trunk(tuple(np.round(state.wrist_pos, 9)))
@@ -93,8 +91,8 @@ def level_arms(state: CarryState) -> ArmTable:
         worst = float(np.abs(miss(guess)).max())
         if worst > MISS_M:
             raise CarryInfeasible(
-                f"the arms cannot keep this {state.carried.shape} level at a lean of {lean:.2f} rad: the palms would miss "
-                f"its sides by {1e3 * worst:.1f} mm"
+                f"the arms cannot keep this {state.carried.shape} level at a lean of {lean:.2f} rad: the palms would "
+                f"miss its sides by {1e3 * worst:.1f} mm"
             )
         rows.append(guess)
     found = np.array(rows)

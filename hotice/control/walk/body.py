@@ -40,7 +40,7 @@ class BodySpheres:
 
     @property
     def height_m(self) -> float:
-        """Of the top of the head over the soles [m]."""
+        """Height of the top of the head over the soles [m]."""
         return float((self.robot[:, 2] + self.radius).max())
 
 

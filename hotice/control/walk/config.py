@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.control.walk.swing import SwingShape
-from hotice.errors import InvalidConfig
 
 
 @dataclass(frozen=True, kw_only=True)
 class TaskWeights:
-    """Of the tasks of the whole-body QP, each of squared accelerations."""
+    """Weights of the tasks of the whole-body QP, each of squared accelerations."""
 
     com: float = 500.0
     pelvis_height: float = 60.0
@@ -22,9 +23,7 @@ class TaskWeights:
     legs: float = 0.002
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not value > 0:
-                raise InvalidConfig(f"{name} is {value!r}: a weight above 0 is needed")
+        checks.numbers(self, checks.POSITIVE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,9 +72,9 @@ class WalkConfig:
     freeze_s: float = 0.08
     """Before the landing, foothold and time stay as they are for this long."""
     hurry_s: float = 0.12
-    """By how much step adjustment may land earlier."""
+    """Most by which step adjustment may advance a landing."""
     wait_s: float = 0.12
-    """By how much it may land later."""
+    """Most by which it may delay one."""
     touch_n: float = 40.0
     """Force on a swing foot that counts as its landing [N]."""
     height_speed_m_s: float = 0.20
@@ -83,18 +82,13 @@ class WalkConfig:
     lean_speed_rad_s: float = 0.8
     """Fastest change of the lean."""
     weights: TaskWeights = TaskWeights()
-    """Of the whole-body QP."""
+    """Weights of the whole-body QP's tasks."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name != "weights" and not value > 0:
-                raise InvalidConfig(f"{name} is {value!r}: a number above 0 is needed")
-        if not self.step_length_m <= self.longest_step_m <= 0.6:
-            raise InvalidConfig(
-                f"longest_step_m is {self.longest_step_m!r}: allowed are step_length_m ({self.step_length_m:g}) to 0.6"
-            )
-        if not 0.45 <= self.pelvis_height_m <= 0.77:
-            raise InvalidConfig(f"pelvis_height_m is {self.pelvis_height_m!r}: allowed are 0.45 to 0.77")
+        checks.numbers(self, checks.POSITIVE, but=("weights",))
+        longest = Range(least=self.step_length_m, most=0.6, note="step_length_m is the least")
+        checks.number("longest_step_m", self.longest_step_m, longest)
+        checks.number("pelvis_height_m", self.pelvis_height_m, Range(least=0.45, most=0.77))
 
     def swing_time(self, distance_m: float, shape: SwingShape) -> float:
         """Time of single support of a swing over `distance_m`: no peak speed of the foot is exceeded [s]."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hotice.control.controller import Command, Measurement
 from hotice.control.walk.adjust import AdjustConfig, StepAdjuster
 from hotice.control.walk.config import WalkConfig
-from hotice.control.walk.dcm import GRAVITY, DcmReference
+from hotice.control.walk.dcm import DcmReference, natural_frequency
 from hotice.control.walk.footsteps import SIDE
 from hotice.control.walk.leg import toe_down
 from hotice.control.walk.memory import DOUBLE, SHIFT, STAND, SWING, WalkMemory
@@ -76,7 +76,7 @@ class WalkController:
         terms.update(measurement)
         feet = self._feet()
         com, _ = self._com(measurement)
-        omega = float(np.sqrt(GRAVITY / com[2]))
+        omega = natural_frequency(com[2])
         height, lean = float(measurement.p_WP[2]), _lean(measurement.quat_WP)
         memory = WalkMemory(
             phase=SHIFT,
@@ -104,7 +104,7 @@ class WalkController:
         terms = self.qp.terms
         terms.update(measurement)
         com, v_com = self._com(measurement)
-        m.omega = float(np.sqrt(GRAVITY / max(com[2], 0.3)))
+        m.omega = natural_frequency(com[2])
         dcm = com[:2] + v_com[:2] / m.omega
         self._advance(m, measurement, t)
         self._choose_zmp(m, dcm, t)

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from hotice.errors import InvalidConfig
 
 GRAVITY = 9.81
+LEAST_M = 0.3
+"""A lower centre of mass is not believed: omega must stay finite."""
 Array = NDArray[np.float64]
 
 
 def natural_frequency(com_height_m: float) -> float:
-    """Omega = sqrt(g / height of the centre of mass over the soles) [1/s]."""
-    if not com_height_m > 0.0:
-        raise InvalidConfig(f"com_height_m is {com_height_m!r}: a height above 0 is needed")
-    return float(np.sqrt(GRAVITY / com_height_m))
+    """Omega = sqrt(g / height of the centre of mass over the soles) [1/s]; of a robot that falls, as `LEAST_M` high."""
+    return float(np.sqrt(GRAVITY / max(com_height_m, LEAST_M)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""What lies on the floor: how high a sole must be to pass over it."""
+"""Obstacles on the floor: how high a sole must be to pass over them."""
 
 from __future__ import annotations
 

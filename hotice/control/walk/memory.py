@@ -1,4 +1,4 @@
-"""What the walking controller remembers from one control step to the next."""
+"""Memory of the walking controller from one control step to the next."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class WalkMemory:
 
     Attributes:
         phase: of `SHIFT`, `SWING`, `DOUBLE`, `STAND`; since_s: when it began; step: index of the next footstep to land.
-        feet: (2, 3) where the feet stand, x, y [m], yaw [rad]; zmp: (2,) last wished zero-moment point [m].
+        feet: (2, 3) where the feet stand, x, y [m], yaw [rad]; zmp: (2,) last target of the zero-moment point [m].
         reference: DCM since the last landing; omega [1/s]. swing: of the foot in the air. landing: (2,) [m], lands_s:
             as adjusted last. height_m, lean_rad: of the pelvis, as commanded last. qp: see `QpMemory`. unadjusted:
             steps for which step adjustment had no answer. com (3,), dcm (2,): of the last measurement, object included

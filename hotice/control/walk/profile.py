@@ -1,4 +1,4 @@
-"""How high the pelvis is and how far the trunk leans along the way: as upright as what hangs overhead allows.
+"""Pelvis height and lean of the trunk along the way: as upright as what hangs overhead allows.
 
 A table of postures from upright to crouched; at each station of the way the most upright one whose head, trunk and load
 keep their clearance, robot by the Standard Guidance Field's signed distance, load by the Object-Centric one's, which
@@ -110,9 +110,7 @@ def plan_profile(pf: HodPf, path: WalkPath, table: list[WalkPosture], config: Wa
 
 
 def _overhead(overhead: list[Obstacle], margin_m: float, xy: Array, yaw: Array, body: BodySpheres) -> Array:
-    """Least clearance of body and load at each station to what hangs overhead, (S,) [m]; the load's beyond its
-    margin.
-    """
+    """Least clearance of body and load to what hangs overhead, per station, (S,) [m]; the load's beyond its margin."""
     least = np.full(len(xy), np.inf)
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     for points, radius, margin in ((body.robot, body.radius, 0.0), (body.load, 0.0, margin_m)):

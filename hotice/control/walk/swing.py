@@ -15,8 +15,9 @@ Array = NDArray[np.float64]
 
 
 def minimum_jerk(t: float, span: float, start: Array, speed: Array, accel: Array, end: Array) -> tuple[Array, ...]:
-    """Quintic from (start, speed, accel) at 0 to rest at `end` after `span` [s]: position, velocity, acceleration at
-    t.
+    """Position, velocity and acceleration at `t` of the quintic from (start, speed, accel) to rest at `end`.
+
+    It starts at 0 and lasts `span` [s].
     """
     start, speed, accel, end = (np.asarray(v, dtype=float) for v in (start, speed, accel, end))
     if t >= span:
@@ -37,8 +38,7 @@ def minimum_jerk(t: float, span: float, start: Array, speed: Array, accel: Array
 
 @dataclass(frozen=True, kw_only=True)
 class SwingShape:
-    """Timing of a swing as fractions of its time: feet lift until `rise`, travel from `leave` to `arrive`, sink from
-    `fall`.
+    """Timing of a swing in fractions of its time: feet lift until `rise`, travel `leave` to `arrive`, sink from `fall`.
 
     apex_m: height of the sole over the floor at the top [m].
     """

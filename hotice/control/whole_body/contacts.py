@@ -1,4 +1,4 @@
-"""Who touches what: four points per foot on the floor, one per hand on the object, linearised friction cones, the load.
+"""Contacts: four points per foot on the floor, one per hand on the object, linearised friction cones, the load.
 
 The object's mass enters as the load of the hands: m (a_O − g) = −Σ f over both hands, where a_O is the mean
 acceleration of the points at which they hold it.
@@ -34,7 +34,7 @@ class Contacts:
 
     Attributes:
         foot_force_max_n: (2,) largest normal force of each sole point; 0 where the foot is in the air.
-        hand_normal_W: (2, 3) unit, from the object into the hand. hand_force_ref_W: (2, 3) wished force on each hand
+        hand_normal_W: (2, 3) unit, from the object into the hand. hand_force_ref_W: (2, 3) target force on each hand
             [N], beside the load. hand_force_max_n: (2,) largest normal force; 0 where the hand is free.
         hand_point: (2, 3) where the force acts, in the hand frame [m]: the middle of the palm's surface.
         hand_moment_W: (2, 3) known moments on the hands [N m]: of a load whose centre is not between the palms.

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.compiled import compiled
 from hotice.control.controller import NUM_JOINTS, Measurement
 from hotice.control.whole_body import contacts as touch
@@ -21,9 +23,9 @@ from hotice.control.whole_body import tasks
 from hotice.control.whole_body.contacts import Contacts
 from hotice.control.whole_body.solvers import UNBOUNDED, Guess, Problem, make_solver
 from hotice.control.whole_body.tasks import Targets
-from hotice.control.whole_body.terms import NV, Terms, torque_limits
-from hotice.errors import InvalidConfig
+from hotice.control.whole_body.terms import NV, Terms
 from hotice.model import g1
+from hotice.model.joint_limits import torque_limits
 
 Array = NDArray[np.float64]
 FEET = slice(NV, NV + 6 * touch.FOOT_POINTS)
@@ -42,23 +44,23 @@ class QpConfig:
     solver: str = "proxqp"
     """"proxqp" or "osqp"."""
     tolerance: float | None = None
-    """Of the solver's residuals; None: its own, 1e-5 of ProxQP, 1e-6 of OSQP."""
+    """Tolerance of the solver's residuals; None: its own, 1e-5 of ProxQP, 1e-6 of OSQP."""
     foot_friction: float = 0.6
-    """Of the cones of the feet; the soles' own is 1."""
+    """Friction coefficient of the feet's cones; the simulated soles have 1.0."""
     hand_friction: float = 1.0
-    """Of the cones of the hands; the palms' own is 2."""
+    """Friction coefficient of the hands' cones; the simulated palms have 2.0."""
     torque_share: float = 0.95
-    """Of the torque limits."""
+    """Share of the torque limits that may be used."""
     stand_weight: float = 300.0
-    """Of the rows that keep a standing foot where it is."""
+    """Weight of the rows that keep a standing foot where it is."""
     stand_damping: float = 20.0
-    """Of a standing foot's velocity [1/s]."""
+    """Damping of a standing foot's velocity [1/s]."""
     force_weight: float = 1e-4
-    """Of squared foot forces [1/N²]."""
+    """Weight of squared foot forces [1/N²]."""
     hand_weight: float = 1.0
-    """Of the squared difference to the wished hand forces [1/N²]."""
+    """Weight of the squared difference to the target hand forces [1/N²]."""
     acceleration_weight: float = 1e-3
-    """Of squared accelerations."""
+    """Weight of squared accelerations."""
     limit_horizon_s: float = 0.1
     """Joints may move such that they stop within their limits in this time."""
     deadline_s: float | None = None
@@ -68,20 +70,14 @@ class QpConfig:
     angles."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name == "solver" or (name in ("deadline_s", "tolerance") and value is None):
-                continue
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
-        if self.torque_share > 1:
-            raise InvalidConfig(f"torque_share is {self.torque_share!r}: a share of the limits, at most 1, is needed")
+        absent = [name for name in ("deadline_s", "tolerance") if getattr(self, name) is None]
+        checks.numbers(self, checks.POSITIVE, but=("solver", *absent))
+        checks.number("torque_share", self.torque_share, Range(above=0, most=1))
 
 
 @dataclass(kw_only=True)
 class QpMemory:
-    """What lasts from solve to solve: warm start, last safe torque (20,) and its joint angles (20,), counters of
-    faults.
-    """
+    """Memory from solve to solve: warm start, last safe torque (20,), its joint angles (20,), counters of faults."""
 
     guess: Guess
     torque: Array
@@ -106,6 +102,8 @@ class WholeBodyQp:
         self.config = config or QpConfig()
         self.terms = Terms(wrist_pos)
         self.problem = p = Problem(n=N, equalities=9, inequalities=ROWS)
+        # Rows: 6 of the base and 3 of the load are equalities; 20 torques, 20 joint limits and 5 for each cone follow.
+        # A sparse solver is set up for these entries only, once.
         p.may_be_nonzero[:] = False
         p.may_be_nonzero[:9, :NV] = p.may_be_nonzero[:6, NV:] = p.may_be_nonzero[6:9, HANDS] = True
         p.may_be_nonzero[9:, :][TORQUE_ROWS] = True
@@ -116,8 +114,8 @@ class WholeBodyQp:
         p.may_be_nonzero[9:][LIMIT_ROWS] = p.C[LIMIT_ROWS] != 0
         p.upper[FIRST_CONE:] = 0.0
         self._solver = make_solver(self.config.solver, p, self.config.tolerance)
-        self._limit = self.config.torque_share * torque_limits()
-        self._full_limit = torque_limits()
+        self._full_limit = torque_limits(g1.ACTION_JOINTS)
+        self._limit = self.config.torque_share * self._full_limit
         self._kp, self._kd = g1.gains()
         self._task_A, self._task_b, self._task_w = (
             np.zeros((tasks.ROWS, NV)),
@@ -136,8 +134,7 @@ class WholeBodyQp:
     def solve(
         self, measurement: Measurement, targets: Targets, contacts: Contacts, memory: QpMemory, *, updated: bool = False
     ) -> Array:
-        """Torques (20,) [N m], written into `memory` too; the last safe ones where this state has none, which is
-        counted.
+        """Torques (20,) [N m], also written into `memory`; on failure the last safe ones, and a fault is counted.
 
         `updated` says that `terms` already describe the measurement.
         """
@@ -146,6 +143,7 @@ class WholeBodyQp:
         if solved:
             if not updated:
                 self.terms.update(measurement)
+            # The state is finite here, but absurd speeds overflow: g shows it before the solver is asked.
             self.assemble(targets, contacts)
             solved = bool(np.isfinite(self.problem.g).all()) and self._solver.solve(memory.guess)
         late = self.config.deadline_s is not None and time.perf_counter() - begin > self.config.deadline_s
@@ -155,6 +153,7 @@ class WholeBodyQp:
             memory.late += late
             return self._fallback(measurement, memory)
         p, x = self.problem, memory.guess.x
+        # τ = M q̈ − Σ Jᵀ f + h; the torque rows of C hold the first two terms.
         np.dot(p.C[TORQUE_ROWS], x, out=memory.torque)
         memory.torque += self._h[NV - NUM_JOINTS :]
         np.clip(memory.torque, -self._full_limit, self._full_limit, out=memory.torque)
@@ -207,9 +206,11 @@ class WholeBodyQp:
         )
         reference = self._force_ref
         reference[:3], reference[3:] = k.hand_force_ref_W[0], k.hand_force_ref_W[1]
+        # Each hand bears half of the object's weight.
         reference[2] -= 0.5 * k.load_kg * touch.GRAVITY
         reference[5] -= 0.5 * k.load_kg * touch.GRAVITY
         _objective(A, b, w, self._weighted, c.acceleration_weight, c.force_weight, c.hand_weight, reference, p.H, p.g)
+        # Before the dynamics, which read the bias forces with these moments in them.
         touch.add_moments(t.J_WF, k.hand_moment_W, t.h, self._h)
         _dynamics(t.M, self._h, self._limit, p.A, p.b, p.C, p.lower, p.upper)
         _limits(t.q, t.v, t.lower, t.upper, c.limit_horizon_s, p.lower, p.upper)
@@ -234,6 +235,7 @@ class WholeBodyQp:
         )
 
     def _fallback(self, measurement: Measurement, memory: QpMemory) -> Array:
+        # For a few steps the last torque is nearest to right; alone for longer it would let the robot drift.
         if memory.in_a_row <= self.config.hold_faults:
             return memory.torque
         error = memory.joint_pos - measurement.joint_pos
@@ -247,6 +249,7 @@ def _objective(A, b, w, weighted, acceleration_weight, force_weight, hand_weight
     for r in range(len(b)):
         for k in range(26):
             weighted[r, k] = w[r] * A[r, k]
+    # `weighted` is W A, so this is Aᵀ W A.
     H[:26, :26] = np.dot(weighted.T, A)
     for k in range(26):
         H[k, k] += acceleration_weight
@@ -266,6 +269,7 @@ def _dynamics(M, h, limit, A, b, C, lower, upper):
     """Acceleration columns and right-hand sides of the base rows and the torque rows."""
     for r in range(26):
         for k in range(26):
+            # Pinocchio fills the upper triangle only.
             m = M[r, k] if k >= r else M[k, r]
             if r < 6:
                 A[r, k] = m
@@ -281,6 +285,7 @@ def _dynamics(M, h, limit, A, b, C, lower, upper):
 def _limits(q, v, q_lower, q_upper, horizon, lower, upper):
     """Bounds of joint accelerations: where q + q̇ T + ½ q̈ T² stays within the joint's range."""
     for j in range(20):
+        # Clipped to ± 500 rad/s²: a joint far beyond its range does not ask for the impossible.
         ahead = q[7 + j] + v[6 + j] * horizon
         lower[20 + j] = min(2.0 * (q_lower[j] - ahead) / horizon**2, 500.0)
         upper[20 + j] = max(2.0 * (q_upper[j] - ahead) / horizon**2, -500.0)

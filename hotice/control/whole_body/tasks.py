@@ -1,4 +1,4 @@
-"""What the robot shall do, as accelerations: of the centre of mass, of five frames, of the joints.
+"""Tasks of the robot as accelerations: of the centre of mass, of five frames, of the joints.
 
 Each row of a task wants a_ref + kp (x_ref − x) + kd (v_ref − v) and has a weight; weight 0 switches it off. Rows of a
 frame are three of its position and three of its orientation, in W or in axes of the caller's choice.

@@ -1,5 +1,4 @@
-"""What the dynamics of the robot are at one state: mass matrix, bias forces, and Jacobians of the frames that have
-tasks.
+"""Terms of the robot's dynamics at one state: mass matrix, bias forces, Jacobians of the frames that have tasks.
 
 Pinocchio computes, into views that are taken once; a compiled function turns them into frame Jacobians in place. v and
 a are Pinocchio's: twist of the pelvis in its own frame (linear, angular), then the 20 joints of `g1.ACTION_JOINTS`.
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice import checks
 from hotice.compiled import compiled
 from hotice.control.controller import Measurement
 from hotice.errors import InvalidConfig, MissingExtra
@@ -31,15 +31,13 @@ _SOURCE = ("pelvis_site", "left_ankle_roll_link", "right_ankle_roll_link", "left
 
 
 def robot_model(wrist_pos: ArrayLike | None = None) -> pinocchio.Model:
-    """The robot with free base and 20 joints, waist locked at zero and wrists at `wrist_pos` (6,) [rad], default
-    zero. Raises `MissingExtra` without Pinocchio.
+    """Robot with free base and 20 joints; waist locked at zero, wrists at `wrist_pos` (6,) [rad], default zero.
+
+    Raises `MissingExtra` without Pinocchio.
     """
     pin = _pinocchio()
-    wrist = np.zeros(6) if wrist_pos is None else np.asarray(wrist_pos, dtype=float)
-    if wrist.shape != (6,) or not np.isfinite(wrist).all():
-        raise InvalidConfig(
-            f"wrist_pos has shape {wrist.shape}: 6 finite angles, in the order of g1.WRIST_JOINTS, are needed"
-        )
+    angles = np.zeros(len(g1.WRIST_JOINTS)) if wrist_pos is None else wrist_pos
+    wrist = checks.array("wrist_pos (in the order of g1.WRIST_JOINTS)", angles, len(g1.WRIST_JOINTS))
     model = builder.pinocchio_model(29)
     for frame in model.frames:  # a body and a site may share a name in MJCF, frames of a reduced model may not
         if frame.type == pin.FrameType.OP_FRAME and frame.name == g1.ROOT_BODY:
@@ -56,14 +54,6 @@ def _pinocchio() -> Any:
     except ModuleNotFoundError:
         raise MissingExtra("whole-body control", "Pinocchio", "drake") from None
     return pinocchio
-
-
-def torque_limits() -> Array:
-    """Largest torque of each joint of `g1.ACTION_JOINTS`, (20,) [N m], of the description."""
-    import mujoco
-
-    model = mujoco.MjModel.from_xml_path(g1.xml_path())
-    return np.array([model.actuator(j.removesuffix("_joint")).ctrlrange[1] for j in g1.ACTION_JOINTS])
 
 
 class Terms:

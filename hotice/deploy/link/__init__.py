@@ -1,1 +1,1 @@
-"""How commands reach a robot and its states come back: one protocol, an in-memory link with faults, checks of both ends."""
+"""Links by which commands reach a robot and states come back: one protocol, an in-memory link, checks of both ends."""

@@ -1,4 +1,4 @@
-"""Where messages arrive: opened, judged and counted, the newest valid one kept."""
+"""Inboxes in which messages arrive: opened, judged and counted, the newest valid one kept."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class _Inbox:
 
 
 class StateInbox(_Inbox):
-    """States of one robot, in the order of its tick; the first says which machine it is, another machine's are refused."""
+    """States of one robot, in the order of its tick; the first says which machine it is, all others are refused."""
 
     def __init__(self, clock: Clock) -> None:
         super().__init__(clock, open_low_state)

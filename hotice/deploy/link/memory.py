@@ -102,11 +102,11 @@ class MemoryLink:
         self._closed = False
 
     def publish(self, command: CheckedCommand) -> None:
-        self._bus._send_command(outgoing(command, self.state()), self)
+        self._open()
+        self._bus._send_command(outgoing(command, self._inbox.state()), self)
 
     def state(self) -> ReceivedState | None:
-        if self._closed:
-            raise LinkError("this link is closed")
+        self._open()
         for data in self._way.take():
             self._inbox.offer(data)
         return self._inbox.state()
@@ -116,6 +116,10 @@ class MemoryLink:
 
     def close(self) -> None:
         self._closed = True
+
+    def _open(self) -> None:
+        if self._closed:
+            raise LinkError("this link is closed")
 
 
 class MemoryRobot:

@@ -1,4 +1,4 @@
-"""What a controller sees of a robot (`Link`), and what a simulated robot sees of its controller (`RobotEnd`)."""
+"""Protocol of what a controller sees of a robot (`Link`), and a simulated robot of its controller (`RobotEnd`)."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Link(Protocol):
     """The controller's end. Not to be shared by threads."""
 
     def publish(self, command: CheckedCommand) -> None:
-        """Sends it, `mode_machine` echoed from the newest state. Raises `LinkError` before the first state."""
+        """Sends it, `mode_machine` echoed from the newest state read. Raises `LinkError` before `state` gave one."""
         ...
 
     def state(self) -> ReceivedState | None:

@@ -1,4 +1,4 @@
-"""Whether somebody else commands the robot: two commanders make a robot shake or fall."""
+"""Other publishers of commands: two commanders make a robot shake or fall."""
 
 from __future__ import annotations
 

@@ -21,6 +21,13 @@ QUATERNION_LENGTH = (0.9, 1.1)
 """An attitude's length; 0 is what an IMU sends that has not begun."""
 
 
+@cache
+def numbers(struct: Struct) -> tuple[Primitive, ...]:
+    """The float numbers of a message that somebody reads; unused slots of a state may hold anything."""
+    floats = (p for p in struct.primitives if p.kind == "f32")
+    return tuple(p for p in floats if not (p.path[0] == "motor_state" and int(p.path[1]) >= JOINTS.stop))
+
+
 def seal(struct: Struct, record: np.ndarray) -> bytes:
     """A LowCmd or LowState as bytes on the wire with its checksum in place; the record's own `crc` is left alone."""
     sealed = record.copy()
@@ -73,26 +80,19 @@ def _open_sealed(struct: Struct, data: bytes) -> np.ndarray:
 
 
 def _check_numbers(struct: Struct, record: np.ndarray) -> None:
-    words, primitives = _checked_words(struct)
-    values = np.frombuffer(record.tobytes(), "<f4")[words]
+    values = np.frombuffer(record.tobytes(), "<f4")[_words(struct)]
     good = np.abs(values) <= LARGEST
     if not good.all():
         i = int(np.argmin(good))
-        field = ".".join(map(str, primitives[i].path))
+        field = ".".join(map(str, numbers(struct)[i].path))
         raise InvalidMessage(
             "number", f"{struct.name}: {field} is {values[i]:g}: finite and up to {LARGEST:g} is possible"
         )
 
 
 @cache
-def _checked_words(struct: Struct) -> tuple[np.ndarray, tuple[Primitive, ...]]:
-    # what an unused slot of a state holds is not known, and nobody reads it
-    checked = tuple(
-        p
-        for p in struct.primitives
-        if p.kind == "f32" and not (p.path[0] == "motor_state" and int(p.path[1]) >= JOINTS.stop)
-    )
-    return np.array([p.offset // 4 for p in checked]), checked
+def _words(struct: Struct) -> np.ndarray:
+    return np.array([p.offset // 4 for p in numbers(struct)])
 
 
 def _check_quaternion(struct: Struct, quaternion: np.ndarray) -> None:

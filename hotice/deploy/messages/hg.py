@@ -1,7 +1,7 @@
 """The messages of Unitree's humanoids (`unitree_hg`): LowCmd, LowState, IMU and battery, field by field.
 
-Names, order and types: the vendor's published definitions (unitree_sdk2, unitree_sdk2_python; BSD-3-Clause). Units: rad,
-rad/s, N m, m/s² and percent. Joints: slot i is `g1.ALL_JOINTS[i]`, slots 29 to 34 are not used.
+Names, order and types: the vendor's published definitions (unitree_sdk2, unitree_sdk2_python; BSD-3-Clause). Units:
+rad, rad/s, N m, m/s² and percent. Joints: slot i is `g1.ALL_JOINTS[i]`, slots 29 to 34 are not used.
 """
 
 from hotice.deploy.messages.structs import Field, Struct
@@ -104,9 +104,9 @@ PITCH_ROLL, ANKLES_AB = 0, 1
 """`mode_pr`: pitch and roll of ankles and waist (ours), or their two parallel actuators."""
 
 MACHINES = {
-    1: "23 joints, deprecated",
-    2: "29 joints, deprecated",
-    3: "29 joints, waist locked, deprecated",
+    1: "deprecated",
+    2: "deprecated",
+    3: "deprecated",
     4: "23 joints",
     5: "29 joints",
     6: "29 joints, waist locked",
@@ -116,7 +116,7 @@ MACHINES = {
     12: "29 joints, waist locked, hip gears 22.5",
     13: "29 joints, new wrist motor",
     14: "29 joints, waist locked, new wrist motor",
-    15: "29 joints, new wrist motor, hip gears 22.5",
-    16: "29 joints, waist locked, new wrist motor, hip gears 22.5",
+    15: "29 joints, new wrist motor",
+    16: "29 joints, waist locked, new wrist motor",
 }
 """`mode_machine`: the robot says which machine it is, and a command echoes it (unitree_ros, g1_description)."""

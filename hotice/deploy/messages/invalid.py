@@ -1,4 +1,4 @@
-"""What is wrong with a message that must not be used."""
+"""Faults of a message that must not be used."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Literal, get_args
 from hotice.errors import HoticeError
 
 Reason = Literal["length", "header", "crc", "number", "mode", "text"]
-"""length or header of the bytes; checksum; a number that is not finite or impossible; a mode that does not exist; text."""
+"""length or header of the bytes; checksum; number not finite or impossible; mode that does not exist; text."""
 REASONS: tuple[Reason, ...] = get_args(Reason)
 
 

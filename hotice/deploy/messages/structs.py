@@ -18,7 +18,7 @@ SCALARS = {"u8": "<u1", "u16": "<u2", "i16": "<i2", "u32": "<u4", "i32": "<i4", 
 
 
 class Field(NamedTuple):
-    """One line of a message: `count` values of a scalar (a key of `SCALARS`) or of another struct, one after another."""
+    """One line of a message: `count` values of a scalar (a key of `SCALARS`) or of another struct, in a row."""
 
     name: str
     kind: str | Struct
@@ -73,7 +73,7 @@ class Struct:
 
     @cached_property
     def wire_places(self) -> np.ndarray:
-        """Where each byte on the wire comes from in the C struct, (wire size,); padding comes from one byte past its end.
+        """Place in the C struct of each byte on the wire, (wire size,); padding comes from one byte past its end.
 
         CDR aligns each number to its own size and nothing to the size of a struct, so that arrays of structs differ.
         """
@@ -86,7 +86,7 @@ class Struct:
 
     @cached_property
     def record_places(self) -> np.ndarray:
-        """Where each byte of the C struct comes from on the wire, (C size,); padding comes from one byte past its end."""
+        """Place on the wire of each byte of the C struct, (C size,); padding comes from one byte past its end."""
         wire = self.wire_places
         places = np.full(self.dtype.itemsize, len(wire))
         from_struct = wire < self.dtype.itemsize

@@ -67,6 +67,7 @@ def _march(space, margin, goal, start):
     _set(rows, 0, source(goal, start))
     used = 1
     row_of = np.zeros(size, np.int32)
+    # What sees the goal is final at once; only what is hidden from it has to be marched.
     known = see_goal(space, margin, goal)
     waiting = 0
     for node in range(size):
@@ -80,6 +81,7 @@ def _march(space, margin, goal, start):
     count = 0
     if waiting:
         for node in range(size):
+            # A lower bound, as if the goal were in sight: the true path is found when the node comes up.
             if not known[node] and space.sdf[node] - margin > FREE_M and _beside(space, node, known):
                 dist[node] = start + distance(goal, _position(space, node))
                 slot[node] = count
@@ -87,6 +89,8 @@ def _march(space, margin, goal, start):
                 _sift_up(heap, slot, dist, node)
     while count > 0:
         node = heap[0]
+        # Queued values are lower bounds. The costly search for a path is put off until a node is first in the heap; its
+        # value is then that bound or more, so the node may sink and come up again.
         if not certain[node]:
             if used == len(rows):
                 rows = np.concatenate((rows, np.empty_like(rows)))
@@ -103,6 +107,7 @@ def _march(space, margin, goal, start):
         slot[node] = -1
         if count > 0:
             _sift_down(heap, slot, dist, count, heap[count])
+        # Infinite: walls are between the node and all its known neighbours. A later neighbour may queue it again.
         if dist[node] < np.inf:
             known[node] = True
             count = _spread(space, margin, node, dist, _get(rows, row_of[node]), certain, known, heap, slot, count)
@@ -117,6 +122,7 @@ def _slopes(space, dist, rows, row_of):
         if dist[node] < np.inf:
             p = _position(space, node)
             b = (rows[0, 0], rows[0, 1], rows[0, 2])
+            # Row 0 is the goal, a point: nothing slides there.
             if row_of[node] > 0:
                 b = reach(_get(rows, row_of[node]), p)[1]
             away = distance(p, b)
@@ -174,6 +180,7 @@ def _spread(space, margin, node, dist, row, certain, known, heap, slot, count):
         least, _ = reach(row, _position(space, other))
         if least < dist[other] - slack:
             dist[other] = least
+            # Also a path that was certain is looked for again: this neighbour may offer a shorter one.
             certain[other] = False
             if slot[other] < 0:
                 slot[other] = count
@@ -199,6 +206,7 @@ def _evaluate(space, margin, node, dist, rows, row_of, known):
             near[side], _ = reach(_get(rows, row_of[other]), x)
     best, step = np.inf, np.inf
     chosen, new = 0, _get(rows, 0)
+    # The most promising first; a path over a bend is never shorter than the value in `near`.
     while near.min() < min(best, step) - slack:
         side = near.argmin()
         other = _neighbour(space, node, side)
@@ -211,12 +219,14 @@ def _evaluate(space, margin, node, dist, rows, row_of, known):
             hidden[side] = np.inf
             continue
         y = _position(space, other)
+        # Two free balls that together are as wide as the step cover it: no need to ask for a blocker.
         if space.sdf[node] + space.sdf[other] - 2.0 * margin < h and blocker(space, margin, y, x) >= 0:
             hidden[side] = np.inf
         elif dist[other] + h < min(best, step):
             step = dist[other] + h
             chosen, new = -1, source(y, dist[other])
     tried = False
+    # Strings are costly: one is pulled, and more only as long as no path over a bend is known.
     while hidden.min() < best - slack and not (tried and best < np.inf):
         side = hidden.argmin()
         other = _neighbour(space, node, side)
@@ -250,6 +260,7 @@ def _sift_up(heap, slot, dist, node):
         if dist[heap[parent]] <= dist[node]:
             break
         heap[i] = heap[parent]
+        # `slot` follows every move, so that the place of a node in the heap is known without a search.
         slot[heap[i]] = i
         i = parent
     heap[i] = node

@@ -1,5 +1,4 @@
-"""Is a straight segment free of a triangle mesh, in compiled code: exact distances of the whole segment, not of its
-points.
+"""Clearance of straight segments from a triangle mesh, in compiled code: of whole segments, not of their points.
 
 A segment that meets no triangle is as far from the mesh as the nearest triangle. Where it meets some, or starts on one,
 its depth is looked at between the places where it passes through the surface.
@@ -46,6 +45,7 @@ def _corner(triangles, t, i):
 @compiled(nogil=True, error_model="numpy")
 def _nears_box(nodes, n, a, d, reach):
     """Whether segment a + f d, 0 <= f <= 1, comes into box n grown by `reach`."""
+    # Slabs: the part of the segment that lies between each pair of faces; the box is missed when nothing is left.
     low, high = 0.0, 1.0
     for i in range(3):
         least, most = nodes[n, i] - reach - a[i], nodes[n, 3 + i] + reach - a[i]
@@ -82,13 +82,13 @@ def _to_edge(a, d, p, e):
 
 @compiled(nogil=True, error_model="numpy")
 def _to_triangle(triangles, t, a, d, b):
-    """(squared distance, f, through): of segment a + f d, which ends at b, to triangle t; where it passes `through`,
-    0.
-    """
+    """(squared distance, f, through) of segment a + f d, which ends at b, to triangle t; 0 if it passes `through`."""
     p, q, r = _corner(triangles, t, 0), _corner(triangles, t, 1), _corner(triangles, t, 2)
     u, v, w = _minus(q, p), _minus(r, p), _minus(a, p)
     n = _cross(u, v)
     along, away = _dot(n, d), _dot(n, w)
+    # The ends lie on different sides of the plane: g, k and nn - g - k are the crossing's barycentric coordinates,
+    # times nn.
     if (away > 0.0) != (away + along > 0.0):
         f = -away / along
         s = (w[0] + f * d[0], w[1] + f * d[1], w[2] + f * d[2])
@@ -96,6 +96,7 @@ def _to_triangle(triangles, t, a, d, b):
         g, k = _dot(n, _cross(s, v)), _dot(n, _cross(u, s))
         if nn > 0.0 and g >= 0.0 and k >= 0.0 and g + k <= nn:
             return 0.0, f, True
+    # No crossing: the least distance is at an end of the segment or at an edge of the triangle.
     best, at = triangle_squared(triangles, t, a[0], a[1], a[2]), 0.0
     end = triangle_squared(triangles, t, b[0], b[1], b[2])
     if end < best:
@@ -142,6 +143,8 @@ def approach(triangles, nodes, root, a, b, bound, enough, passed):
             continue
         first, count = int(nodes[node, 6]), int(nodes[node, 7])
         if count == 0:
+            # An inner node: its first child follows it. The nearer one is put on top of the stack, so that the bound
+            # shrinks early.
             near, far = node + 1, first
             if _off_centre(nodes, near, a, d, dd) > _off_centre(nodes, far, a, d, dd):
                 near, far = far, near
@@ -162,6 +165,7 @@ def approach(triangles, nodes, root, a, b, bound, enough, passed):
                 n = _cross(_minus(q, p), _minus(r, p))
                 size = math.sqrt(_dot(n, n))
                 i = number
+                # Sorted by insertion: hits are few, and the order in which triangles come is arbitrary.
                 while i > 0 and passed[i - 1, 0] > f:
                     passed[i] = passed[i - 1]
                     i -= 1
@@ -188,6 +192,7 @@ def pass_mesh(space, margin, n, a, b, depth, exact):
     near, f, number = approach(space.triangles, space.nodes, int(solid[n, 20]), p, q, margin + depth, enough, passed)
     if near >= margin + depth:
         return True, 0.0, math.inf
+    # On the surface itself a segment is as deep as the margin.
     if number < 0 or (number > 0 and margin > depth):
         return False, f * length, -margin
     s = near - margin
@@ -200,6 +205,7 @@ def pass_mesh(space, margin, n, a, b, depth, exact):
     if s < -depth:
         return False, f * length, s
     x, y, z = a[0] + f * u[0], a[1] + f * u[1], a[2] + f * u[2]
+    # A step out to `2 depth` from this wall must have more than `depth` of room, or another wall faces it.
     out = mesh_normal(space, n, x, y, z, s + margin)
     away = 2.0 * depth - s
     beyond = mesh_distance(space, n, x + away * out[0], y + away * out[1], z + away * out[2]) - margin
@@ -226,6 +232,7 @@ def _below(space, n, a, u, passed, number, lowest):
         low = passed[i - 1, 0] if i > 0 else 0.0
         high = passed[i, 0] if i < number else 1.0
         for k in range(_INNER):
+            # The middle first: it tells whether this part lies below the surface at all.
             f = low + (high - low) * (0.5 if k == 0 else k / _INNER)
             s = _signed(space, n, a, u, f)
             if k == 0 and s >= 0.0:

@@ -1,4 +1,4 @@
-"""Is a straight segment free, in compiled code.
+"""Free straight segments between analytic obstacles, in compiled code.
 
 Boxes, cylinders and capsules are convex, so the signed distance to one of them is a convex function along a segment:
 its least value follows from a few values and slopes by cutting planes (Kelley 1960), and a segment that leaves one
@@ -57,6 +57,7 @@ def passes_box(solid, nodes, n, a, b, reach):
         low, high = _overlap(low, high, ay, uy, nodes[root, 1] - reach, nodes[root, 4] + reach)
         low, high = _overlap(low, high, az, uz, nodes[root, 2] - reach, nodes[root, 5] + reach)
         return low <= high
+    # Half extents. Cylinders and capsules hold a radius and a half length instead, with z as their axis.
     ex, ey, ez = solid[n, 1], solid[n, 2], solid[n, 3]
     if kind == CYLINDER:
         ey, ez = solid[n, 1], solid[n, 2]
@@ -85,12 +86,15 @@ def convex_clearance(solid, n, margin, a, b, below, above):
     ux, uy, uz = ux / size, uy / size, uz / size
     low, high = 0.0, length
     f_low, g_low = convex_slope(solid, n, ax, ay, az, ux, uy, uz)
+    # The ends settle most cases: a convex function that climbs at a is lowest there, and a distance cannot change
+    # faster than the way.
     if g_low >= 0.0 or f_low - margin < below or f_low - length - margin > above:
         return f_low - margin, 0.0
     f_high, g_high = convex_slope(solid, n, ax + length * ux, ay + length * uy, az + length * uz, ux, uy, uz)
     if g_high <= 0.0 or f_high - margin < below:
         return f_high - margin, length
     for _ in range(_CUTS):
+        # Where the tangents at both ends meet; the function lies above them, so `least` bounds it from below.
         t = (f_high - f_low + g_low * low - g_high * high) / (g_low - g_high)
         t = min(max(t, low), high)
         least = f_low + g_low * (t - low)
@@ -109,6 +113,7 @@ def convex_clearance(solid, n, margin, a, b, below, above):
 @compiled(inline="always", error_model="numpy")
 def depth_of(solid, n, margin, h):
     """How deep a segment may cut convex obstacle n [m]."""
+    # A plate thinner than the depth that is allowed would be crossed: only a share of its half thickness may be cut.
     thin = min(solid[n, 1], solid[n, 2]) if solid[n, 0] != CAPSULE else solid[n, 1]
     if solid[n, 0] != CYLINDER and solid[n, 0] != CAPSULE:
         thin = min(thin, solid[n, 3])
@@ -133,6 +138,8 @@ def blocker(space, margin, a, b):
         if s < deepest:
             return n
         if s < touch:
+            # Two obstacles that the segment only touches, each from its side, close a seam: nothing passes between
+            # them.
             if other >= 0 and (
                 _pinched(space, margin, other, n, a, b, t) or _pinched(space, margin, n, other, a, b, at)
             ):
@@ -168,6 +175,7 @@ def lowest_point(space, margin, n, a, b):
         u = mesh_normal(space, n, x, y, z, s + margin)
     else:
         u = solid_normal(space.solid, n, x, y, z)
+        # Inflated edges are round; sharp ones are hit exactly, or strings would bend on a face beside them.
         if margin == 0.0:
             return True, _on_edge(space.solid, n, x - s * u[0], y - s * u[1], z - s * u[2], max(-s, _SNAP_M))
     return True, (x - s * u[0], y - s * u[1], z - s * u[2])
@@ -179,6 +187,7 @@ def _on_edge(solid, n, x, y, z, near):
 
     A string that cuts an edge by a little is deepest where both faces are equally near.
     """
+    # In the obstacle's frame, where edges are at ± half extents; the result goes back to W.
     x, y, z = seen(solid, n, x, y, z)
     near += _EXACT_M
     if solid[n, 0] == BOX:

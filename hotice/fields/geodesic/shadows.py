@@ -1,6 +1,4 @@
-"""Which grid nodes see the goal, in compiled code: whole blocks of nodes at once, node by node along the shadow
-lines.
-"""
+"""Visibility of the goal from grid nodes, in compiled code: whole blocks at once, node by node along shadow lines."""
 
 from __future__ import annotations
 
@@ -42,6 +40,7 @@ def see_goal(space, margin, goal):
                 for b in range(j, min(j + width, ny)):
                     seen[(a * ny + b) * nz + k : (a * ny + b) * nz + min(k + width, nz)] = True
         elif verdict == 0:
+            # Along shadow lines blocks are halved, down to single nodes.
             half = width // 2
             for part in range(8):
                 stack.append((i + half * (part >> 2), j + half * (part >> 1 & 1), k + half * (part & 1), half))
@@ -64,9 +63,11 @@ def _beam(space, margin, goal, i, j, k, width):
         if not passes_box(solid, space.nodes, n, goal, centre, margin + reach + touch):
             continue
         if solid[n, 0] == MESH:
+            # A mesh may have holes: it is never sure to hide a whole block.
             if verdict > 0 and not stays_off(space, n, goal, centre, margin + reach + touch):
                 verdict = 0
             continue
+        # Ways to the nodes stay within `reach` of the way to the centre: cut deeper than this, it tells for all.
         umbra = -depth_of(solid, n, margin, h) - reach
         s, _ = convex_clearance(solid, n, margin, goal, centre, umbra, reach + touch)
         if s < umbra:

@@ -38,6 +38,7 @@ def graze(space, margin, a, y, x, n):
     """
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
+        # The obstacle that blocked last is asked first, which is far cheaper than asking all.
         f = 0.5 * (low + high)
         q = between(y, x, f)
         if _still_blocks(space, margin, n, a, q):
@@ -72,11 +73,13 @@ def pull(space, margin, row, y, x, n, best):
 
     n: what `join` says of row and x. The value is inf when none shorter than `best` is found.
     """
+    # The string starts from where the bend lies for y, which sees it.
     row = moved(row, reach(row, y)[1])
     for _ in range(_MAX_BENDS):
         a = (row[0], row[1], row[2])
         if n == OFF_EDGE:
             n = blocker(space, margin, a, x)
+            # Nothing is in the way beyond the end of the edge: the path turns at its last place as about a point.
             if n < 0:
                 row = source(a, reach(row, a)[0])
                 value, _ = reach(row, x)

@@ -19,8 +19,7 @@ WARM_UP = 10
 
 
 class AveragedPolicy:
-    """Exponential average over updates that begins short and grows to its full length, as long as a tenth of what there
-    was.
+    """Exponential average over updates; begins short, grows with the run (a tenth of it) up to its full length.
 
     Args:
         net: what is averaged. decay: share that an update keeps in the end, below 1; 0: there is no average.

@@ -1,6 +1,4 @@
-"""What must hold after every update, before anything is saved: finite networks, and physics that mostly stays in one
-piece.
-"""
+"""Health check after every update, before anything is saved: finite networks, few diverged environments."""
 
 from __future__ import annotations
 
@@ -16,7 +14,7 @@ from hotice.learn.checkpoints.average import PREFIX
 MANY = 0.5
 """Share of the environments that may diverge in one update; when physics is sound, next to none does."""
 FEW = 4
-"""So many may always."""
+"""This many diverged environments are always tolerated."""
 
 
 def first_not_finite(tensors: Mapping[str, Tensor]) -> str | None:

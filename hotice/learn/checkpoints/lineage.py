@@ -1,4 +1,4 @@
-"""What a checkpoint owes to others: the environment steps of every checkpoint that its weights or labels come from."""
+"""Lineage of a checkpoint: the environment steps of every checkpoint that its weights or labels come from."""
 
 from __future__ import annotations
 
@@ -18,14 +18,10 @@ def line_of(meta: Mapping[str, Any]) -> dict[str, int]:
 
 
 def total_steps(meta: Mapping[str, Any]) -> int:
-    """Environment steps of the run of `meta` and of all behind it; checkpoints from before lines were kept count their
-    own.
-    """
+    """Environment steps of the run of `meta` and of all its ancestors; checkpoints older than lines count their own."""
     return own_steps(meta) + sum(meta.get(ANCESTORS, {}).values())
 
 
 def own_steps(meta: Mapping[str, Any]) -> int:
-    """Environment steps that this checkpoint alone stands for: none where it is an average, whose parts are
-    ancestors.
-    """
+    """Environment steps of this checkpoint alone; 0 for an average, whose parts are ancestors."""
     return 0 if MERGED in meta and ANCESTORS in meta else int(meta["steps"])

@@ -55,7 +55,7 @@ class SceneRecord:
 
     @property
     def kind(self) -> str:
-        """Of `KINDS`: a generated family, a shipped set, a shipped scene, or files."""
+        """Kind of record, one of `KINDS`: a generated family, a shipped set, a shipped scene, or files."""
         if self.scenes.startswith(FAMILY_PREFIX):
             return "family"
         if self.scenes in shipped_sets():

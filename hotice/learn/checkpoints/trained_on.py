@@ -1,5 +1,4 @@
-"""What a policy was trained on: the scenes of its run and of every run behind it, of teachers and parts of averages
-too.
+"""Training scenes of a policy: of its run and of every run behind it, of teachers and parts of averages too.
 
 The record is in `meta.json` of each checkpoint and in each exported policy. It names what was written on the command
 line (sets, families with count and seed, files) and holds digests of the scenes that came of it, so the scenes can be
@@ -53,9 +52,7 @@ class TrainedOn:
 
     @classmethod
     def of_meta(cls, meta: Mapping[str, Any], where: str = "") -> TrainedOn:
-        """The record of a checkpoint; of one from before there were records, that it is missing. Raises
-        `CheckpointError`.
-        """
+        """Record of a checkpoint; marked as missing for one older than records. Raises `CheckpointError`."""
         if TRAINED_ON in meta:
             return cls.from_json(meta[TRAINED_ON], where)
         return cls(unrecorded=(str(meta.get("sha256", "unknown")),))
@@ -100,14 +97,12 @@ class TrainedOn:
             return cls(records=tuple(SceneRecord.from_json(r) for r in data["scenes"]), unrecorded=unrecorded)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise CheckpointError(
-                f"{where or 'checkpoint'}: {TRAINED_ON} is no record of training scenes: {type(error).__name__} {error}: "
-                "the file was changed, or written by another version"
+                f"{where or 'checkpoint'}: {TRAINED_ON} is no record of training scenes: {type(error).__name__} "
+                f"{error}: the file was changed, or written by another version"
             ) from None
 
     def summary(self) -> dict[str, Any]:
-        """What it comes to, for reports: sets and single scenes, scenes by family, entries not written by a run
-        itself.
-        """
+        """Summary for reports: sets and single scenes, scenes by family, entries that no run wrote itself."""
         told = {who: sum(r.told_by == who for r in self.records) for who in TOLD_BY[1:]}
         return {
             "scenes": sum(r.count for r in self.records),

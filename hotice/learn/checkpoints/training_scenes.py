@@ -56,7 +56,8 @@ def whole_record(
     if own.whole:
         if named:
             raise InvalidConfig(
-                f"{option} is {', '.join(named)}, but {policy} carries a whole record of its training scenes: leave it out"
+                f"{option} is {', '.join(named)}, but {policy} carries a whole record of its training scenes: "
+                "leave it out"
             )
         return own
     if named:
@@ -66,8 +67,9 @@ def whole_record(
         lacks = f"carries a record with gaps: {len(own.unrecorded)} checkpoints before it have none"
         lacks += f" ({', '.join(sha[:12] for sha in own.unrecorded)})"
     raise CheckpointError(
-        f"{policy}: {lacks}, so nobody can say what it has not seen: name all scenes that it and its ancestors were trained on "
-        f"as --{option}, or write the record into its checkpoint (python -m tools.record_training) and export it again"
+        f"{policy}: {lacks}, so nobody can say what it has not seen: name all scenes that it and its ancestors were "
+        f"trained on as --{option}, or write the record into its checkpoint (python -m tools.record_training) and "
+        "export it again"
     )
 
 

@@ -24,9 +24,7 @@ def columns_within(old: Layout, new: Layout) -> Tensor | None:
 
 
 def alike(layout: Layout) -> Tensor:
-    """For each column (D,) the one whose values it takes a little later: of the history, the row of this instant; else
-    itself.
-    """
+    """Column of like values for each column (D,): for the history the row of the present instant, else itself."""
     index, starts, at = [], {}, 0
     for name, width in layout:
         starts[name] = at

@@ -1,4 +1,4 @@
-"""What teachers said about the states of the last rollouts."""
+"""Teacher labels of the states of the last rollouts."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from hotice.errors import CheckpointError
 
 @dataclass(frozen=True, kw_only=True)
 class Labels:
-    """B states and the action that their teacher would take: raw student observation (B, O), mean (B, 20), teacher
-    (B,).
-    """
+    """B states with their teacher's action: raw student observation (B, O), mean (B, 20), teacher (B,)."""
 
     obs: Tensor
     mean: Tensor
@@ -61,7 +59,8 @@ class ReplayBuffer:
         if len(self.obs) > 1:
             if "replay.obs" not in tensors or tensors["replay.obs"].shape != self.obs.shape:
                 raise CheckpointError(
-                    "rollouts that were kept differ in number or size: resume with the same aggregate, steps and num_envs"
+                    "rollouts that were kept differ in number or size: resume with the same aggregate, steps and "
+                    "num_envs"
                 )
             for name in ("obs", "mean", "teacher"):
                 getattr(self, name).copy_(tensors[f"replay.{name}"])

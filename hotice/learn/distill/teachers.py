@@ -73,7 +73,8 @@ class Teachers:
         if orphans and generalist is None:
             raise CheckpointError(
                 f"no teacher was trained on {', '.join(orphans[:8])}{', …' if len(orphans) > 8 else ''} "
-                f"({len(orphans)} of {len(chosen)} scenes): give its run among the teachers, or a generalist's for all the rest"
+                f"({len(orphans)} of {len(chosen)} scenes): give its run among the teachers, or a generalist's for "
+                "all the rest"
             )
         if orphans and generalist is not None:
             folders.append(resolve(generalist))
@@ -114,9 +115,7 @@ def columns_in(policy: TorchPolicy, layout: list[tuple[str, int]]) -> Tensor:
 
 
 def check_contract(policy: TorchPolicy, task: dict[str, Any], preset: str) -> None:
-    """Raises `CheckpointError` unless a teacher acts for the student's preset, with the same action and observation
-    units.
-    """
+    """Raises `CheckpointError` unless a teacher has the student's preset, action and observation units."""
     if policy.meta["preset"] != preset:
         raise CheckpointError(f"{policy.name}: teaches {policy.meta['preset']!r}, the student is {preset!r}")
     theirs = contract(policy.meta["task"])

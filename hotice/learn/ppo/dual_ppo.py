@@ -22,9 +22,12 @@ class DualPpo(Learner):
 
     def update(self, rollout: Rollout) -> dict[str, float]:
         cfg = self.config
+        # Before advantages are normalised: critics learn returns in their own units.
         rollout.returns = rollout.advantage + rollout.value
+        # Per agent, and over all ranks, so that every rank descends on the same scale.
         flat = distributed.concatenate(rollout.advantage.flatten(0, 1))
         rollout.advantage = (rollout.advantage - flat.mean(0)) / (flat.std(0) + 1e-8)
+        # The spread does not depend on the state: one copy stands for the whole rollout.
         std_old = self.net.std().detach().clone()
         return self._summary(
             self._minibatch(batch, std_old)
@@ -43,6 +46,7 @@ class DualPpo(Learner):
             part = agent.actions
             surrogate = clipped_surrogate(ratio[:, i], batch.advantage[:, i], cfg.clip)
             value_loss = clipped_value(value[:, i], batch.value[:, i], batch.returns[:, i], cfg.value_clip)
+            # The entropy of independent Gaussians, up to a constant.
             entropy = std[part].log().sum()
             loss = loss + surrogate + cfg.value_weight * value_loss - cfg.entropy * entropy
             with torch.no_grad():

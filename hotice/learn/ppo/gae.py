@@ -28,9 +28,12 @@ def gae(
     following = last_value
     for t in range(reward.shape[0] - 1, -1, -1):
         done = (terminated[t] | truncated[t])[:, None]
+        # A time out is no end of the task: the value of the observation that it cut off stands for what would have
+        # followed. After an end there is nothing.
         bootstrap = torch.where(truncated[t][:, None], final_value[t], following)
         bootstrap = torch.where(terminated[t][:, None], torch.zeros_like(bootstrap), bootstrap)
         delta = reward[t] + gamma * bootstrap - value[t]
+        # The row after an end belongs to another episode.
         running = delta + gamma * lam * torch.where(done, torch.zeros_like(running), running)
         advantage[t] = running
         following = value[t]

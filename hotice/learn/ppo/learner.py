@@ -1,6 +1,4 @@
-"""What dual PPO and distillation share: networks, an optimiser with one group an agent, draws of actions, safe
-descent.
-"""
+"""Common part of dual PPO and distillation: networks, optimiser with one group per agent, actions, safe descent."""
 
 from __future__ import annotations
 
@@ -112,6 +110,7 @@ class Learner:
         Estimated from `MIRROR_ROWS` evenly spaced rows or a few more.
         """
         stride = max(1, len(obs) // MIRROR_ROWS)
+        # One side is held still; as every state is the mirror image of some other, both sides learn.
         obs, mean = obs[::stride], mean[::stride].detach()
         return (self.net.mean(self.mirror_obs(obs)) - self.mirror_action(mean)).square().mean()
 
@@ -136,8 +135,10 @@ class Learner:
     def _descend(self) -> None:
         """One step, unless a gradient is not finite: then the minibatch is left out and counted."""
         norms = []
+        # First of all, so that all ranks clip, and leave out a minibatch, alike.
         distributed.average_gradients(self.net.parameters())
         for group in self.optimizer.param_groups:
+            # By agent: a large gradient of one must not scale down the other's.
             norms.append(torch.nn.utils.clip_grad_norm_(group["params"], self.config.max_grad_norm))
         if not all(bool(torch.isfinite(n)) for n in norms):
             self.skipped += 1

@@ -49,6 +49,7 @@ class Normalizer(nn.Module):
         total = self.count + n
         delta = mean - self.mean
         share = float(n / total)
+        # The means of the two parts differ: that adds to the variance of the whole.
         between = delta.square() * (float(self.count / total) * share)
         self.var.copy_(self.var * float(self.count / total) + var * share + between)
         self.mean.add_(delta * share)
@@ -65,6 +66,7 @@ class AgentNet(nn.Module):
         self, obs: int, critic_obs: int, size: int, hidden: Sequence[int], critic_hidden: Sequence[int], std: Tensor
     ) -> None:
         super().__init__()
+        # A small gain: first actions are near zero, which holds the carry state.
         self.actor = mlp([obs, *hidden, size], 0.01)
         self.critic = mlp([critic_obs, *critic_hidden, 1], 1.0)
         self.log_std = nn.Parameter(std.log())

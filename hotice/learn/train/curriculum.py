@@ -1,6 +1,4 @@
-"""What to train on next: scenes that still fail before solved ones; near goals and small objects before far and large
-ones.
-"""
+"""Choice of what to train on next: failing scenes before solved ones, near goals and small objects first."""
 
 from __future__ import annotations
 
@@ -14,8 +12,7 @@ RISE, FALL = 0.7, 0.2
 
 
 class SceneCurriculum:
-    """Draws scenes in proportion to `floor` + 4 q (1 − q), q = max(p, ½), p the running rate of reaching the goal in a
-    scene.
+    """Scenes drawn in proportion to `floor` + 4 q (1 − q), q = max(p, ½), p the running rate of goals reached.
 
     Scenes that fail in half of their episodes or more have the same weight; above that it falls to `floor` at p = 1. p
     starts at a half, so that every scene is tried; goal success counts, not survival: a robot that stops before an

@@ -1,4 +1,4 @@
-"""What a training run shows: a line of progress, a table now and then, TensorBoard, and one JSON line an update."""
+"""Progress of a training run: a line, a table now and then, TensorBoard, and one JSON line per update."""
 
 from __future__ import annotations
 

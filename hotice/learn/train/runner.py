@@ -44,9 +44,7 @@ from hotice.version import source_version
 
 
 class Runner:
-    """Trains one run. Everything that a later update depends on is in its checkpoints: a resumed run goes on bit for
-    bit.
-    """
+    """Runner of one training; checkpoints hold all that later updates depend on, so resuming is exact to the bit."""
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
         self.config = config
@@ -99,7 +97,8 @@ class Runner:
         self.anew = ""
         self._saved_at = time.monotonic()
         self.obs, self.critic_obs = env.reset()
-        env.memory.step.copy_(  # the first episodes end at different times, so that a rollout holds all phases of an episode
+        # The first episodes end at different times, so that a rollout holds all phases of an episode.
+        env.memory.step.copy_(
             torch.randint(0, env.config.max_steps, (env.num_envs,), generator=env.generator, device=env.device)
         )
         if config.init is not None:
@@ -118,7 +117,8 @@ class Runner:
         cfg = self.config
         if not (cfg.resume or self.update) and (there := list_checkpoints(cfg.out)):
             raise OutputError(
-                f"{cfg.out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another folder as --out"
+                f"{cfg.out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another "
+                "folder as --out"
             )
         begin, minutes_before = time.monotonic(), self.minutes
         leads = distributed.rank() == 0
@@ -219,9 +219,7 @@ class Runner:
         return late or bool(every and self.update % every == 0)
 
     def save(self) -> None:
-        """Writes a checkpoint: what all ranks share, and what each has of its own (rank 1 and up: `rankN.` before the
-        names).
-        """
+        """Writes a checkpoint: what all ranks share, and each rank's own (`rankN.` before the names from rank 1 on)."""
         own = {f"env.{k}": v for k, v in self.env.state().items()} | self.algo.own_state()
         own |= {"reached": self.stats.reached, "touched": self.stats.touched}
         first, *others = distributed.collect(own)
@@ -251,7 +249,7 @@ class Runner:
     def load(self, path: Path) -> None:
         """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one.
 
-        With other ranks, environments, scenes, task or perturbations episodes start anew; `anew` then says so.
+        With other ranks, environments, scenes, task or perturbations episodes begin again; `anew` holds the message.
         """
         tensors, meta = load_checkpoint(path, self.env.device)
         with _same_version(path):
@@ -260,7 +258,8 @@ class Runner:
     def _restore_run(self, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         if kind_of(meta) != self.algo.kind:
             raise CheckpointError(
-                f"{path}: was trained by {kind_of(meta)!r}, not {self.algo.kind!r}: give another folder as out, or it as init"
+                f"{path}: was trained by {kind_of(meta)!r}, not {self.algo.kind!r}: give another folder as out, or it "
+                "as init"
             )
         self._load_net(path, tensors, meta)
         self.average.restart(self.net)
@@ -284,8 +283,8 @@ class Runner:
         if others := [name for name, (theirs, ours) in pairs.items() if theirs != ours]:
             kept = sum(name in meta["scenes"] for name in self.env.bank.names)
             self.anew = (
-                f"{path}: was saved with other {', '.join(others)}: episodes start anew, {kept} of {self.env.bank.num_scenes} "
-                "scenes keep their success rates"
+                f"{path}: was saved with other {', '.join(others)}: episodes start anew, {kept} of "
+                f"{self.env.bank.num_scenes} scenes keep their success rates"
             )
         if ranks != distributed.size():
             return

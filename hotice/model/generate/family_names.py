@@ -1,4 +1,4 @@
-"""Which family a scene is of, read from its name: generated scenes and those of sets are named after it."""
+"""Family of a scene, read from its name: generated scenes and those of sets are named after it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,7 @@ _NAME = re.compile(rf"(?P<set>[^/]+/\d+_)?(?P<family>{_KIND})(?(set)|(?:_s\d+|(?
 
 
 def family_of(name: str) -> str | None:
-    """Family of a scene called `name`: `beam_s3_04`, `indoor_kitchen_012`, `bench20/06_beam_across`, `open_floor`; or
-    None.
-    """
+    """Family of a scene by its name (`beam_s3_04`, `indoor_kitchen_012`, `bench20/06_beam_across`, …) or None."""
     if name in SINGLE:
         return SINGLE[name]
     match = _NAME.fullmatch(name)

@@ -153,9 +153,7 @@ def search(
 
 
 def _fill_strides(node: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Adds the places amid strides, (n, 3) -> (m, 3): a move by several steps along the heading becomes single
-    steps.
-    """
+    """Path with the places amid strides, (n, 3) -> (m, 3): moves of several steps along the heading in single steps."""
     filled = [node[:1]]
     for a, b in zip(node[:-1], node[1:], strict=True):
         along, move = _MOVES[a[2]], b[:2] - a[:2]
@@ -221,9 +219,7 @@ def _inside(room, i, j):
 
 @compiled
 def _core_distance(room, core, moves, goal, radius):
-    """Way to within `radius` of the goal for what all postures share, (nx, ny) [m]: a lower bound; inf without a
-    way.
-    """
+    """Lower bound of the way to within `radius` of the goal, from what all postures share, (nx, ny) [m]; inf: none."""
     nx, ny = room.known.shape[:2]
     closed = np.ones((nx, ny), dtype=np.bool_)
     length = np.full((nx, ny), np.inf)
@@ -335,9 +331,7 @@ def _search(room, effort, moves, start, rest):
 
 @compiled
 def _postures(room, effort, changes, node, stands):
-    """The cheapest free postures along a path, (n,), changed by single free steps, not amid strides; -1 where none
-    is.
-    """
+    """Cheapest free postures along a path, (n,), changed by single free steps, not amid strides; -1: none."""
     count, postures = len(node), len(effort)
     cost = np.full((count, postures), np.inf)
     parent = np.full((count, postures), -1)

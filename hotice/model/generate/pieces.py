@@ -1,4 +1,4 @@
-"""What scene generators share: where obstacles may stand, grading, and the usual obstacles."""
+"""Common pieces of scene generators: places for obstacles, grading, and the usual obstacles."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ class Room:
         return True
 
     def clearance(self) -> ClearanceMap:
-        """Of the room and the floor behind its door."""
+        """Clearance of the room and of the floor behind its door."""
         x = np.arange(-BEYOND_M, self.length_m + 0.5 * SPACING_M, SPACING_M)
         y = np.arange(0.0, self.width_m + 0.5 * SPACING_M, SPACING_M)
         floor = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)

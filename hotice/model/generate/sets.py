@@ -1,4 +1,4 @@
-"""What the benchmark sets are made of: `bench20`, `train75` and `unseen50`.
+"""Composition of the benchmark sets `bench20`, `train75` and `unseen50`.
 
 The shipped files are the sets, fixed for good; this module says how they were drawn (by `tools/make_sets.py`) and draws
 them again. A scene's numbers come from (set, family, its place in the set), so no two sets share a draw. Every scene

@@ -1,4 +1,4 @@
-"""Whether a person-sized robot gets through a scene with what it carries: a search over places, headings and postures.
+"""Passage of a person-sized robot with its load through a scene: a search over places, headings and postures.
 
 Places lie on a grid through the start (4 cm), with 16 headings and the postures of `envelope`. A state is free when the
 envelope keeps `MARGIN_M` away from every obstacle, by the scene's exact distance interpolated between grid nodes. Moves
@@ -19,10 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidConfig, InvalidScene
+from hotice import checks
+from hotice.checks import Range
+from hotice.errors import InvalidObject, InvalidScene
 from hotice.model.generate.envelope import FEET, POSTURES, SHINS, Envelope
 from hotice.model.generate.lattice_search import CAP_M, HEADINGS, BodyGrid, LatticePath, search
-from hotice.model.objects import positive
 from hotice.model.scene import Scene
 
 MARGIN_M = 0.02
@@ -72,10 +73,8 @@ def check_traversable(
         InvalidScene: the scene has too many places for this resolution.
         InvalidObject, InvalidConfig: an extent that is not positive; a resolution outside 1 to 10 cm.
     """
-    for value in carried_half_extents_m:
-        positive("load", "carried_half_extents_m", value)
-    if not 0.01 <= resolution_m <= 0.1:
-        raise InvalidConfig(f"resolution_m is {resolution_m!r}: 0.01 to 0.1 is allowed")
+    checks.vector("carried_half_extents_m", carried_half_extents_m, 3, checks.POSITIVE, InvalidObject)
+    checks.number("resolution_m", resolution_m, Range(least=0.01, most=0.1, unit="m"))
     envelope = Envelope.of(carried_half_extents_m)
     grid = _grid(scene, resolution_m, CAP_M + float(envelope.ball[:, 3].max()))
     found = search(grid, envelope, scene.start, scene.goal, REACHED_M, MARGIN_M)
@@ -126,9 +125,7 @@ def _grid(scene: Scene, resolution: float, far: float) -> BodyGrid:
 def _sampled_distance(
     scene: Scene, origin: NDArray[np.float64], nodes: NDArray[np.integer], resolution: float, far: float
 ) -> NDArray[np.float32]:
-    """Exact signed distance at grid nodes, cut at `far`; in each block of nodes, of the obstacles that may be
-    nearest.
-    """
+    """Exact signed distance at grid nodes, cut at `far`; each block of nodes asks the obstacles that may be nearest."""
     blocks = -(-nodes // BLOCK)
     step = np.stack(np.meshgrid(*3 * [resolution * np.arange(BLOCK)], indexing="ij"), axis=-1).reshape(-1, 3)
     corner = origin + resolution * BLOCK * np.stack(np.unravel_index(np.arange(blocks.prod()), blocks), axis=-1)

@@ -196,7 +196,7 @@ def triangle_squared(triangles, t, x, y, z):
 
 @compiled
 def _solid_angle(triangles, t, x, y, z):
-    """Of a triangle about the point, signed (van Oosterom and Strackee 1983)."""
+    """Solid angle of a triangle about the point, signed (van Oosterom and Strackee 1983)."""
     ax, ay, az = triangles[t, 0, 0] - x, triangles[t, 0, 1] - y, triangles[t, 0, 2] - z
     bx, by, bz = triangles[t, 1, 0] - x, triangles[t, 1, 1] - y, triangles[t, 1, 2] - z
     cx, cy, cz = triangles[t, 2, 0] - x, triangles[t, 2, 1] - y, triangles[t, 2, 2] - z
@@ -210,7 +210,7 @@ def _solid_angle(triangles, t, x, y, z):
 
 @compiled(nogil=True)
 def signed_distance(triangles, nodes, root, x, y, z):
-    """Of a point to the mesh at `root`, negative inside."""
+    """Signed distance of a point to the mesh at `root`, negative inside."""
     d = closest(triangles, nodes, root, x, y, z, np.inf)
     return -d if inside(triangles, nodes, root, x, y, z) else d
 

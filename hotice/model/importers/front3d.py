@@ -35,7 +35,7 @@ MAX_ENTRIES = 100_000
 """Furniture, meshes or placed things in one house."""
 SCALE_RANGE = (0.01, 5.0)
 SIZE_RANGE_M = (0.01, 8.0)
-"""Of the longest side of a placed piece of furniture."""
+"""Range of the longest side of a placed piece of furniture."""
 FARTHEST_M = 1000.0
 MISSING = "missing model"
 JID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")

@@ -275,7 +275,7 @@ class Front3dConfig:
     count: int = 10
     """Scenes wanted."""
     seed: int = 0
-    """Of the order in which ways are tried."""
+    """Seed of the order in which ways are tried."""
     size_m: Size = LARGE_M
     """Along the way, across, up."""
 
@@ -310,8 +310,8 @@ def import_front3d(config: Front3dConfig) -> int:
     if share := found.report.missing_share:
         folders = ", ".join(map(str, config.models))
         console.print(
-            f"{100 * share:.0f} % of the furniture is missing: its models are not in {folders}; where the data set came in "
-            "parts, give all of them (--models A B ...)",
+            f"{100 * share:.0f} % of the furniture is missing: its models are not in {folders}; where the data set "
+            "came in parts, give all of them (--models A B ...)",
             markup=False,
             soft_wrap=True,
         )

@@ -66,8 +66,7 @@ def sample_surface(corners: NDArray[np.float64], spacing_m: float, low: Points, 
 def split_bodies(
     corners: NDArray[np.float64], max_faces: int = MAX_BODY_FACES
 ) -> tuple[list[Body], NDArray[np.float64]]:
-    """Closed bodies, each vertices (V, 3) and faces (F, 3) seen counter-clockwise from outside, and all other
-    triangles.
+    """Closed bodies, each vertices (V, 3) and faces (F, 3) counter-clockwise from outside, and all other triangles.
 
     Corners at the same place are one vertex. Bodies are taken from small to large while all together stay within
     `max_faces`.

@@ -99,9 +99,7 @@ def _turns(p: Points) -> Points:
 
 
 def _cut(corners: Points, number: int) -> Indices:
-    """Triangles (n - 2, 3) of one polygon (n, 3) by ears, the roundest first; those beside straight corners before
-    all.
-    """
+    """Triangles (n - 2, 3) of one polygon (n, 3) by ears: those beside straight corners first, then the roundest."""
     if len(corners) > MAX_CORNERS:
         raise BadPolygon(number, f"has {len(corners):,} corners and is not convex: at most {MAX_CORNERS:,} are allowed")
     with np.errstate(invalid="ignore"):  # an even bow tie has no mean normal

@@ -85,8 +85,7 @@ class Imported:
 
 
 def import_scene(path: str | Path, options: ImportOptions) -> Imported:
-    """A scene from a .pcd or .ply cloud, or an .obj, .stl, .off, .glb or .ply mesh; its `source` says how it lies in
-    it.
+    """Scene from a .pcd or .ply cloud or an .obj, .stl, .off, .glb or .ply mesh; `source`: its place in the map.
 
     Raises `InputError`, `InvalidMap` or `InvalidScene`, each naming the file.
     """
@@ -126,8 +125,8 @@ def from_points(p_M: Points, options: ImportOptions, name: str) -> Imported:
     near = finite[_near(finite[None], options)]
     if len(near) < 100:
         raise InvalidMap(
-            f"{len(p_M):,} points, {len(finite):,} of them finite and {len(near):,} within {NEAR_M:g} m of start and goal: "
-            "at least 100 are needed there; check start, goal and unit"
+            f"{len(p_M):,} points, {len(finite):,} of them finite and {len(near):,} within {NEAR_M:g} m of start and "
+            "goal: at least 100 are needed there; check start, goal and unit"
         )
     origin = _origin(near, options)
     if options.floor == "given":
@@ -151,8 +150,8 @@ def from_points(p_M: Points, options: ImportOptions, name: str) -> Imported:
     }
     if not boxes:
         raise InvalidMap(
-            f"gives no obstacle: of {len(p_W):,} points in the crop none is more than floor or noise; make the crop larger "
-            "(--size-m), or check start, goal, unit and up axis"
+            f"gives no obstacle: of {len(p_W):,} points in the crop none is more than floor or noise; make the crop "
+            "larger (--size-m), or check start, goal, unit and up axis"
         )
     scene = Scene(name, _bounds(low, high), start, goal, tuple(boxes))
     return Imported(scene=scene, floor=floor, points_W=p_W, group=group, notes=notes)
@@ -207,8 +206,8 @@ def _turned_over(p_M: Points, options: ImportOptions, name: str) -> Imported:
     """The scene of an upside-down map, where start and goal mean the same either way up."""
     if any(v != 0.0 for v in (*options.start[1:], options.goal[1])):
         raise InvalidMap(
-            "the map is upside down (its floor lies above its ceiling or has everything below it): add --up=-z, and give "
-            "start and goal as they are after that, y and yaw with the other sign"
+            "the map is upside down (its floor lies above its ceiling or has everything below it): add --up=-z, and "
+            "give start and goal as they are after that, y and yaw with the other sign"
         )
     imported = from_points(p_M @ TURNED, replace(options, up="-z"), name)
     up = "-z: the map is upside down and was turned over about its x axis (--up=z keeps it as it is)"
@@ -224,8 +223,8 @@ def _resolved(p_F: Points, scale: float) -> Points:
     step_m = scale * float(np.spacing(np.float32(min(middle, 1e30))))
     if step_m > RESOLVED_M and (finite[:10_000] == finite[:10_000].astype(np.float32)).all():
         raise InvalidMap(
-            f"has 32-bit coordinates about {middle:,.0f}, which are {100 * step_m:.2g} cm apart: subtract an offset from the "
-            "points before they are written with 32 bits"
+            f"has 32-bit coordinates about {middle:,.0f}, which are {100 * step_m:.2g} cm apart: subtract an offset "
+            "from the points before they are written with 32 bits"
         )
     return p_F
 
@@ -269,8 +268,9 @@ def _check_above(p_W: Points, options: ImportOptions) -> None:
         up = options.up.replace("auto", "z")
         other = up.removeprefix("-") if up.startswith("-") else f"-{up}"
         raise InvalidMap(
-            f"{100 * below.sum() / len(p_W):.0f} % of the points lie below the floor and {100 * above.sum() / len(p_W):.0f} % "
-            f"above it: is the map upside down? Try --up={other}, or say that the floor is z = 0 already (--floor given)"
+            f"{100 * below.sum() / len(p_W):.0f} % of the points lie below the floor and "
+            f"{100 * above.sum() / len(p_W):.0f} % above it: is the map upside down? "
+            f"Try --up={other}, or say that the floor is z = 0 already (--floor given)"
         )
 
 

@@ -1,4 +1,4 @@
-"""Which way up a cloud is: a lidar that hangs upside down maps the floor above the ceiling.
+"""Upright direction of a cloud: a lidar that hangs upside down maps the floor above the ceiling.
 
 Things stand on a floor and rise from it; below it is nothing. Both ways up are fitted and compared by the cells that
 agree with
@@ -67,8 +67,9 @@ def fit_upright(p_M: Points) -> tuple[bool, Floor]:
 
 
 def _evidence(p_W: Points, ceiling_m: float) -> tuple[int, int]:
-    """Cells that speak for z and for -z, of points (n, 3) above the lowest large level; the highest is at
-    `ceiling_m`.
+    """Numbers of cells that speak for z and for -z.
+
+    p_W: points (n, 3) above the lowest large level; the highest is at `ceiling_m`.
     """
     low, high = 0.0, max(ceiling_m, 0.0)
     near = p_W[(p_W[:, 2] > low - BEYOND_M) & (p_W[:, 2] < high + BEYOND_M)]
@@ -93,9 +94,7 @@ def _evidence(p_W: Points, ceiling_m: float) -> tuple[int, int]:
 
 
 def _standing(solid: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """How many cells of each column (nx, ny, nz) rise from its first two layers with gaps of one, (nx, ny); at least
-    two.
-    """
+    """Cells of each column that rise from its first two layers, gaps of one allowed, (nx, ny); 0 for fewer than two."""
     closed = solid.copy()
     closed[:, :, 1:-1] |= solid[:, :, :-2] & solid[:, :, 2:]
     closed[:, :, :1] |= solid[:, :, 1:2]

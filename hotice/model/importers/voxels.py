@@ -85,15 +85,12 @@ def occupied(
 
 
 def closed(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """`solid` with gaps of up to two voxels filled: space is free where a cube of three voxels fits between solid
-    ones.
-    """
+    """`solid` with gaps of up to two voxels filled: free is where a cube of three voxels fits between solid ones."""
     return solid | np.asarray(ndimage.binary_closing(np.pad(solid, 2), _TOUCHING), dtype=bool)[2:-2, 2:-2, 2:-2]
 
 
 def enclosed(solid: NDArray[np.bool_], stood_in: Sequence[NDArray[np.bool_]] = ()) -> NDArray[np.bool_]:
-    """`solid` and the air in it that has no way out but holes of up to two voxels, the floor below layer 0 being
-    closed.
+    """`solid` and the air whose only ways out are holes of up to two voxels, the floor below layer 0 being closed.
 
     Air that reaches into each of the `stood_in` masks is the room that the robot walks in, and stays.
     """

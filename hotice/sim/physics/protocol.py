@@ -1,4 +1,4 @@
-"""What every physics backend offers: batched states as torch tensors, zero-copy, and a step.
+"""Protocol of every physics backend: batched states as torch tensors, zero-copy, and a step.
 
 Everything above this protocol is torch and does not know which simulator runs.
 """

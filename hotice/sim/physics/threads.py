@@ -1,4 +1,4 @@
-"""How many cores to use, said once to every library that starts threads of its own."""
+"""Number of cores to use, told once to every library that starts threads of its own."""
 
 from __future__ import annotations
 

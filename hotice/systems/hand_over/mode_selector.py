@@ -1,5 +1,4 @@
-"""Who commands: the pick-up until the object is held, then the policy, or the walking baseline where the policy is not
-fit.
+"""Source of the command: the pick-up until the object is held, then the policy or, if that is unfit, the walk.
 
 Where neither is, the pick-up goes on holding the object.
 """
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from hotice.errors import InvalidConfig
+from hotice import checks
 from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, ROBOT_STATE
 
 Array = NDArray[np.float64]
@@ -27,22 +26,19 @@ NEVER = UNTRIED = -1.0
 
 @dataclass(frozen=True, kw_only=True)
 class HandOver:
-    """When and how the command changes hands."""
+    """Conditions and duration of the hand-over of the command."""
 
     ready_phase: int
     """Index of the pick-up's phase in which the object is held and the robot stands still."""
     settle_s: float = 0.5
-    """How long it must have been ready, and both hands must have felt the object."""
+    """Time for which it must have been ready, and both hands must have felt the object."""
     hold_n: float = 8.0
     """Force from which a hand feels it."""
     blend_s: float = 0.2
-    """In which the torques go over from one to the other."""
+    """Time in which the torques go over from one to the other."""
 
     def __post_init__(self) -> None:
-        for name in ("settle_s", "hold_n", "blend_s"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        checks.numbers(self, checks.NOT_NEGATIVE, "settle_s", "hold_n", "blend_s")
 
 
 def blend(pickup: Array, carry: Array, share: float) -> Array:

@@ -41,7 +41,7 @@ class Sensing:
         cfg, dt_s, k = self._config, self._dt_s, self._count
         if cfg.exact and not self._offset.any():
             return true
-        hold, gain = cfg.refresh_steps(dt_s), cfg.filter_gain(dt_s)
+        hold, gain = cfg.hold_steps(dt_s), cfg.object_gain(dt_s)
         percept, self._estimate = measure(
             true,
             self._estimate,
@@ -61,8 +61,7 @@ class Sensing:
 
 
 class Rehearsal:
-    """Runs the station's policy in a model of robot, object, table and scene, under noise as that of the station's
-    sensors.
+    """Trial of the policy in a model of robot, object, table and scene, with noise like that of the sensors.
 
     Called with a robot state (84,); returns an index into `VERDICTS`, the first failure among the tries.
     """

@@ -1,4 +1,4 @@
-"""Where rehearsals happen: a model of robot, object, table and scene, and what counts there as a failure."""
+"""Stage of rehearsals: a model of robot, object, table and scene, and what counts there as a failure."""
 
 from __future__ import annotations
 

@@ -15,8 +15,7 @@ Array = NDArray[np.float64]
 
 
 class WalkRehearsal:
-    """Plans the walk from a robot state and runs it in the station's model, on the true state, as the station's walk
-    does.
+    """Trial of the walk, planned from a robot state, in the station's model, on the true state like the station's walk.
 
     Called with a robot state (84,); returns an index into `VERDICTS`, the first failure among the tries. `stage`: its
     model.

@@ -1,6 +1,4 @@
-"""What the logs of a station tell of its hand-over: when, to whom and why, and whether the object stayed in the
-hands.
-"""
+"""Report of a station's hand-over from its logs: when, to whom and why, and whether the hands kept the object."""
 
 from __future__ import annotations
 
@@ -49,22 +47,18 @@ class HandOverReport:
 
     @property
     def held(self) -> bool:
-        """Whether neither was fit: the pick-up went on holding the object."""
+        """Whether neither was fit, so that the pick-up kept holding the object."""
         return self.who == "hold"
 
     def __str__(self) -> str:
         if self.time_s is None:
             return self.failure
         end = f"{self.failure} {self.failed_s:.1f} s later" if self.failure else "kept the object"
-        why = f"the policy's rehearsal ended in a {_words(self.verdict)}"
+        why = f"policy rehearsal: {_words(self.verdict)}"
         if self.held:
-            walk = (
-                "the walk found no way"
-                if self.walk_verdict == "no_way"
-                else f"the walk's in a {_words(self.walk_verdict)}"
-            )
-            return f"held at {self.time_s:.1f} s, handed to no one ({why}, {walk}), {end}"
-        return f"{self.who} carried on at {self.time_s:.1f} s{f' ({why})' if self.fell_back else ''}, {end}"
+            walk = f"walk: {'no path' if self.walk_verdict == 'no_way' else _words(self.walk_verdict)}"
+            return f"{self.time_s:.1f} s: no hand-over, the pick-up keeps holding ({why}; {walk}), {end}"
+        return f"{self.time_s:.1f} s: handed over to the {self.who}{f' ({why})' if self.fell_back else ''}, {end}"
 
 
 def _words(verdict: str) -> str:
@@ -72,7 +66,7 @@ def _words(verdict: str) -> str:
 
 
 def report_hand_over(station: Station, logs: Mapping[str, SignalLog]) -> HandOverReport:
-    """Of a station's logs. Raises `NotAvailable` where its controller hands nothing over."""
+    """Report of a station's logs. Raises `NotAvailable` where its controller hands nothing over."""
     if "mode_selector.mode" not in logs:
         raise NotAvailable(f"controller {station.controller_name!r} hands nothing over: use pickup_then_policy")
     mode, state = logs["mode_selector.mode"], logs["state_adaptor.robot_state"].value

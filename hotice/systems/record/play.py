@@ -40,9 +40,7 @@ class Run:
 
 
 def play_station(station: Station, seconds: float) -> Run:
-    """Runs a station that logs, after its pick-up for at most `seconds`; a run ends a moment after success, fall or
-    drop.
-    """
+    """Run of a logging station: `seconds` at most after its pick-up, ends shortly after success, fall or drop."""
     simulator = Simulator(station)
     context = simulator.get_context()
     adaptor = station.GetSubsystemByName("state_adaptor")

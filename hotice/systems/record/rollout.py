@@ -1,4 +1,4 @@
-"""What happened in a station, as a rollout record, and how it ended."""
+"""Record of what happened in a station, as a rollout, and how it ended."""
 
 # pydrake's stubs type arrays as numpy does not:
 # pyright: reportArgumentType=false
@@ -65,8 +65,7 @@ def _carried_from(phase: SignalLog, rows: int) -> int:
 
 
 def judge(station: Station, qpos: Array) -> str:
-    """How a rollout of states (T, 43) ended, exact geometry: the first of collision, fall, drop and success that
-    happens.
+    """Outcome of a rollout of states (T, 43), exact geometry: first of collision, fall, drop and success.
 
     Conditions are the task's (`hotice.task.rules`); collisions are looked for at the states given. A pick-up is judged
     from where it holds the object; one that never does has run out of time.

@@ -1,4 +1,4 @@
-"""Where to go after a pick-up before a policy takes over: away from the table, with the command ahead."""
+"""Departure after a pick-up, before a policy takes over: away from the table, with the command ahead."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BACKS_M = (0.4, 0.5, 0.3, 0.6, 0.2, 0.1, 0.0)
 """Distances to step back, the best first: closer than 0.2 m to the table, policies stumble over it."""
 SECTOR_RAD = 0.35
 """A command within this angle of the heading needs no turning: policies are trained to 0.6 rad."""
-BODY_M, ARMS_M, LEGS_M = 0.30, 0.30, 0.22
+BODY_M, LEGS_M = 0.30, 0.22
 HEIGHTS_M = (0.06, 0.3, 0.55, 0.8, 1.05, 1.3)
 LOAD_HEIGHTS_M = (0.65, 0.85, 1.05)
 

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.fields import HodPf, build_hod_pf
-from hotice.model import Scene, load_scene
+from hotice.model import Scene, g1, load_scene
 from hotice.model.carry import CarryState, Posture, solve_carry
+from hotice.model.joint_limits import torque_limits
 from hotice.policy import PolicySession, PolicyTask, open_policy
 from hotice.systems.joint_pd import JointServo
 from hotice.systems.setup.config import StationConfig
 from hotice.systems.setup.robot import drawn_robot, standing_qpos, to_motors
 from hotice.systems.setup.table import around_table, pick_origin, table_of, with_table
-from hotice.systems.signals import torque_limits
 
 if TYPE_CHECKING:
     from hotice.control.walk.plan import WalkPlan
@@ -122,18 +122,14 @@ class StationSetup:
         return drawn_robot(self.config, self.world, self.carry, self.physics_dt_s)
 
     def model(self) -> mujoco.MjModel:
-        """A copy of `robot` for the plant: position servos where the motors have them, else motors that take
-        torques.
-        """
+        """Copy of `robot` for the plant: position servos where the motors have them, else motors that take torques."""
         model = copy.copy(self.robot)
         if self.motors:
-            to_motors(model, model.actuator_forcerange[:, 1] / torque_limits() if self.torques else 1.0)
+            to_motors(model, model.actuator_forcerange[:, 1] / torque_limits(g1.ACTION_JOINTS) if self.torques else 1.0)
         return model
 
     def servo(self) -> JointServo:
-        """Gains, limits and encoders, in torques as they are commanded, of joints that a servo in the diagram
-        drives.
-        """
+        """Gains, limits and encoders, in torques as commanded, of joints that a servo in the diagram drives."""
         return JointServo.of_g1() if self.config.dynamics.nominal else JointServo.commanding(self.robot)
 
     @property

@@ -2,8 +2,8 @@
 
     plant ─ state_adaptor ─ sensor_model ─ guidance_field ─ policy ─ (joint_pd) ─ safety_monitor ─ plant
 
-Plant and torques step at `StationSetup.physics_dt_s`; sensors, fields, policy and safety at the policy's control period;
-other controllers at their own rate.
+Plant and torques step at `StationSetup.physics_dt_s`; sensors, fields, policy and safety at the policy's control
+period; other controllers at their own rate.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""First guess of the grasp and of the carry state together: a grasp is worth what the carry state is that its hold
-leads to.
+"""First guess of grasp and carry state together, for a grasp is worth as much as the carry state that it leads to.
 
 Hands that hold an object keep their poses relative to each other, and with locked wrists that leaves two arms of four
 joints next to no choice: where the object comes to be, level, before an upright pelvis, follows from the grasp alone.
@@ -30,8 +29,8 @@ HOLD = (200.0, 40.0)
 PLACE_WEIGHT, YAW_WEIGHT, COM_WEIGHT = np.array([8.0, 20.0, 10.0]), 4.0, 12.0
 HEIGHT_WEIGHT, TURN_WEIGHT, POSTURE_WEIGHT = 100.0, 20.0, 0.3
 TRAVEL_WEIGHT = 0.3
-"""Of how far the arms are at the grasp from where they are in the carry state: between stretched and bent arms the
-retreat has to turn the body aside."""
+"""Weight of how far the arms at the grasp are from the carry state's: between stretched and bent arms the retreat has
+to turn the body aside."""
 STARTS = ((0.0, 0.0, 0.0), (0.2, -0.1, 0.25), (0.5, -0.05, 0.0), (0.0, -0.25, 0.7), (0.3, -0.3, 0.8))
 """Lean [rad], drop of the pelvis [m] and half the bend of the knees [rad] to start the grasp from."""
 ROUGH, EXACT = (12.0, 2.0), (300.0, 0.3)

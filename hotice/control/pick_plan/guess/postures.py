@@ -1,4 +1,4 @@
-"""First guesses of the keyframes: bounded least squares over robot pose and joints, where every wish is soft.
+"""First guesses of the keyframes: bounded least squares over robot pose and joints, where every target is soft.
 
 A guess may miss what it is asked for; `keyframes` turns it into a configuration that keeps its constraints or says
 which it cannot.
@@ -67,9 +67,7 @@ class Guess:
         return self.terms.lower + JOINT_MARGIN_RAD, self.terms.upper - JOINT_MARGIN_RAD
 
     def pregrasp(self, grasp: Array, p_OH: Array) -> Array:
-        """As the grasp, with the palms off the object by `PREGRASP_GAP_M`; p_OH (2, 3) are the hands at the grasp, in
-        O.
-        """
+        """Posture of the grasp, palms `PREGRASP_GAP_M` off the object; p_OH (2, 3) are the hands at the grasp, in O."""
         grip, pose, before = self.task.grip, self.task.pose, self._before(grasp)
 
         def rows(p: Pose) -> list[Rows]:
@@ -87,7 +85,7 @@ class Guess:
         return self._solve(grasp, ready, posture_weights(1.0), self._before(grasp))
 
     def held(self, start: Array, posture: Array, hands: Frames, at: ObjectPose, rpy: Array, *, arms: float) -> Array:
-        """Hands at their poses with the object at `at`, near `start` and `posture`; `rpy`: wished turn of the pelvis.
+        """Hands at their poses with the object at `at`, near `start` and `posture`; `rpy`: target turn of the pelvis.
 
         While the robot has to step back next, the pelvis stays so low that the legs can step.
         """
@@ -168,7 +166,7 @@ class Guess:
 
 
 def posture_weights(arms: float) -> Array:
-    """Of the joints' posture, (20,): light legs."""
+    """Weights of the joints' posture, (20,): light legs."""
     weight = np.full(20, arms)
     weight[g1.LOWER] = LEG_WEIGHT
     return weight

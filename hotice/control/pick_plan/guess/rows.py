@@ -1,6 +1,6 @@
-"""Wishes of a whole-body configuration as rows of a least-squares problem, for first guesses; no collision.
+"""Targets of a whole-body configuration as rows of a least-squares problem, for first guesses; no collision.
 
-Each wish gives residuals r (K,) and their Jacobian (K, 26) by Pinocchio's v; hard ones weigh most.
+Each target gives residuals r (K,) and their Jacobian (K, 26) by Pinocchio's v; hard ones weigh most.
 """
 
 from __future__ import annotations

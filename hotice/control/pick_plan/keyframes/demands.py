@@ -1,6 +1,4 @@
-"""What is demanded of keyframes, as constraints of the inverse kinematics: a stance, palms beside the object,
-clearances.
-"""
+"""Constraints of the keyframes' inverse kinematics: a stance, palms beside the object, clearances."""
 
 from __future__ import annotations
 
@@ -27,7 +25,7 @@ spheres slip where more is demanded (trial 1 of `benchmarks.pickup --shape spher
 
 
 class Demands:
-    """Of one task."""
+    """Demands of one task."""
 
     def __init__(self, task: PickTask, robot: DrakeRobot) -> None:
         self.task, self.robot = task, robot

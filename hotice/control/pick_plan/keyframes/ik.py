@@ -126,8 +126,9 @@ class KeyframeIk:
         self._prog.AddQuadraticErrorCost(2.0 * np.diag(weights**2), joints, self._joints)
 
     def pelvis_turn(self, quat_WP: Array, weights: ArrayLike) -> None:
-        """Cost: turn of the pelvis from quat (4,), weights (3,) about its axes; the vector part of the difference,
-        doubled.
+        """Cost of the pelvis' turn from quat (4,), weights (3,) about its axes.
+
+        The turn is the vector part of the difference, doubled.
         """
         w, x, y, z = quat_WP
         vector = np.array([[-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])  # of conj(quat) * q
@@ -140,9 +141,7 @@ class KeyframeIk:
         self.pelvis_turn(quat_WP, np.full(3, weights[1]))
 
     def solve(self, guess: Array, what: str) -> Array:
-        """The configuration (27,) of least cost near `guess` (27,). Raises `PickInfeasible`, naming what is
-        violated.
-        """
+        """Configuration (27,) of least cost near `guess` (27,). Raises `PickInfeasible`, naming what is violated."""
         from pydrake.solvers import SnoptSolver, SolverOptions
 
         options, solver = SolverOptions(), SnoptSolver()

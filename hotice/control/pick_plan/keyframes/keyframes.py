@@ -1,6 +1,4 @@
-"""The five configurations that a pick-up passes: crouch, pregrasp, grasp, lifted, carry; each an inverse-kinematics
-problem.
-"""
+"""The five keyframes of a pick-up: crouch, pregrasp, grasp, lifted, carry; each a problem of inverse kinematics."""
 
 from __future__ import annotations
 
@@ -56,9 +54,7 @@ class Keyframes:
 
 
 class KeyframeSolver:
-    """Solves the keyframes of one task; `terms` serve as scratch. Raises `PickInfeasible`, naming what cannot be
-    kept.
-    """
+    """Solver of one task's keyframes; `terms` serve as scratch. Raises `PickInfeasible`, naming what cannot be kept."""
 
     def __init__(self, task: PickTask, robot: DrakeRobot, terms: Terms) -> None:
         self.task, self.terms = task, terms
@@ -137,14 +133,12 @@ class KeyframeSolver:
         x, y, z = pose.p_WO
         return ik.solve(
             guess,
-            f"{carried.shape} at x {x:.2f}, y {y:.2f}, z {z:.2f} m from the feet, turned {np.degrees(task.yaw):.0f} deg, "
-            "cannot be grasped standing; stand nearer and face it",
+            f"{carried.shape} at x {x:.2f}, y {y:.2f}, z {z:.2f} m from the feet, turned "
+            f"{np.degrees(task.yaw):.0f} deg, cannot be grasped standing; stand nearer and face it",
         )
 
     def _before(self, guess: Array, grasp: Array, pelvis: Array, p_OH: Array | None) -> Array:
-        """Before the grasp: near its body, hands above the support; with `p_OH` (2, 3) the palms wait beside the
-        object.
-        """
+        """Posture before the grasp: near its body, hands above the support; with `p_OH` (2, 3) beside the object."""
         task, grip = self.task, self.task.grip
         ik = self._demand.standing(0.0, task.pose.p_WO)
         ik.pelvis(pelvis, np.roll(grasp[3:7], 1), (10.0, 10.0))
@@ -178,7 +172,7 @@ class KeyframeSolver:
     ) -> Array:
         """Hands as they hold the object at `at`, which may be off by `free` [m], [rad].
 
-        quat (4,): wished turn of the pelvis, xyzw; `pelvis_m`: its height, where that is demanded.
+        quat (4,): target turn of the pelvis, xyzw; `pelvis_m`: its height, where that is demanded.
         """
         mass = self.task.grip.carried.mass_kg
         ik = self._demand.standing(mass, at.p_WO)

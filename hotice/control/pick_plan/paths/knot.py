@@ -1,4 +1,4 @@
-"""What is wished and demanded of one knot of a path, as CasADi functions of x and parameters θ: hands free, or holding.
+"""Soft costs and hard constraints of one path knot, as CasADi functions of x and parameters θ: hands free or holding.
 
 θ is a row of numbers, whose parts `FREE` and `HOLDING` name with their sizes.
 """
@@ -32,8 +32,9 @@ HOLDING = STANDING | {
     "load": 1,
     "off": 2,
 }
-"""`left_*`: wished left hand; `right_in_left_*`: the right one seen from it; `middle`: wished middle of the hands.
-`load`: the object's share of the total mass; `off`: its centre, horizontally, from the middle of the hands."""
+"""`left_*`: target of the left hand; `right_in_left_*`: the right hand seen from it; `middle`: target of the middle of
+both hands. `load`: the object's share of the total mass; `off`: its centre, horizontally, from the middle of the hands.
+"""
 ROWS_STANDING = ("foot on the floor",) * 12 + ("centre of mass over the feet",) * 2 + ("knees off the support",) * 2
 ROWS_FREE = (*ROWS_STANDING, *("hands above the support",) * 4, *("palms beside the object",) * 8)
 ROWS_HOLDING = (
@@ -130,7 +131,7 @@ def _feet(out, part):
 
 
 def _turn(R, wished):
-    """Small turn from `wished` to R, (3,) [rad]."""
+    """Small turn from the target `wished` to R, (3,) [rad]."""
     import casadi as cs
 
     E = R @ wished.T

@@ -1,5 +1,4 @@
-"""A path through configurations as a nonlinear program, solved by IPOPT: smooth, within limits, every knot under
-constraints.
+"""Nonlinear program of a path through configurations, solved by IPOPT: smooth, within limits, every knot constrained.
 
 minimise Σ_k |soft(x_k, θ_k)|² + Σ_k |W (x_{k-1} − 2 x_k + x_{k+1})|²
 with low_k <= hard(x_k, θ_k) <= high_k, joint limits, and joint steps |x_{k+1} − x_k| within what the speed limit

@@ -38,7 +38,7 @@ SLACK_M, SLACK_RAD = 0.003, 0.005
 EASED = 2.5
 """Factor of the tolerances while holding, where no path keeps them."""
 REACH_GAP_M = 0.03
-"""Of the palms off the object on their way to the pregrasp."""
+"""Distance of the palms from the object on their way to the pregrasp."""
 
 
 @lru_cache
@@ -152,7 +152,7 @@ class Paths:
         return {"wrists": self.task.grip.wrist_pos, "feet_p": self.task.feet.p, "feet_R": self.task.feet.R}
 
     def _bounds(self) -> tuple[Array, Array]:
-        """Of feet, centre of mass and knees, (16,) each."""
+        """Bounds of feet, centre of mass and knees, (16,) each."""
         room = self.task.grip.support.near_m - KNEE_ROOM_M + SLACK_M
         low = np.concatenate([np.zeros(12), COM_BOX_M[0] - SLACK_M, np.full(2, -np.inf)])
         return low, np.concatenate([np.zeros(12), COM_BOX_M[1] + SLACK_M, np.full(2, room)])

@@ -27,7 +27,8 @@ def read_off(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     check_count(vertex_count)
     if len(lines) < 1 + vertex_count + face_count:
         raise InvalidMap(
-            f"is cut short: {vertex_count:,} vertices and {face_count:,} faces announced, {len(lines) - 1:,} lines there"
+            f"is cut short: {vertex_count:,} vertices and {face_count:,} faces announced, "
+            f"{len(lines) - 1:,} lines there"
         )
     try:
         rows = [line[:3] for line in lines[1 : 1 + vertex_count]]

@@ -69,8 +69,8 @@ def read_header(content: bytes) -> PcdHeader:
     types = entries.get("TYPE", [])
     if not names or not len(names) == len(sizes) == len(types) == len(counts):
         raise InvalidMap(
-            f"PCD header has {len(names)} FIELDS, {len(sizes)} SIZE, {len(types)} TYPE and {len(counts)} COUNT entries: "
-            "as many of each are needed"
+            f"PCD header has {len(names)} FIELDS, {len(sizes)} SIZE, {len(types)} TYPE and {len(counts)} COUNT "
+            "entries: as many of each are needed"
         )
     fields = []
     for name, kind, size, count in zip(names, types, sizes, counts, strict=True):

@@ -27,9 +27,7 @@ def check_count(points: int) -> None:
 
 
 def text_columns(data: bytes, rows: int, width: int, columns: Sequence[int]) -> NDArray[np.float64]:
-    """Three columns of `rows` lines of `width` numbers, (rows, 3); what follows them is ignored. Raises
-    `InvalidMap`.
-    """
+    """Three of `width` columns of `rows` lines of numbers, (rows, 3); the rest is ignored. Raises `InvalidMap`."""
     if 2 * rows * width > len(data) + 1:  # a digit and a separator each
         raise InvalidMap(f"is cut short: {rows:,} points of {width} numbers do not fit into {len(data):,} bytes")
     lines = data.decode("ascii", "replace").split("\n", rows)[:rows] if rows else []

@@ -35,7 +35,7 @@ def bank():
 
 @pytest.fixture
 def make_env(bank, states):
-    def make(preset="dual_hodpf", steps=6, **config):
+    def make(preset="dual_hodpf", steps=6, bank=bank, **config):
         carry = CarryBank.of(states, 0.005, torch.device("cpu"))
         task = TaskConfig(**{"anywhere": 0.7, "collisions": False, **config})
         env = TransportEnv(24, bank, carry, preset, seed=3, config=task, threads=1)

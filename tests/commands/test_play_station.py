@@ -62,8 +62,8 @@ def test_fallbacks_are_told_and_counted(short_run, tmp_path, capsys):
     options = ("--controller", "pickup_then_policy", "--rollouts", 2, "--seed", 3, "--out", tmp_path / "p.html")
     status, text = played(capsys, *options)
     assert status == 0
-    assert text.out.count("walk carried on at 17.7 s (the policy's rehearsal ended in a fall), kept the object") == 2
-    assert "hand-overs: 2 of 2; fallbacks to walk: 2; held, neither being fit: 0" in text.out
+    assert text.out.count("17.7 s: handed over to the walk (policy rehearsal: fall), kept the object") == 2
+    assert "hand-overs: 2 of 2; fallbacks to walk: 2; kept holding: 0" in text.out
     first, second = short_run
     assert first.carried != second.carried and first.policy == "student"
     assert not first.sensing.exact  # perturbed by default, as other rollouts

@@ -3,6 +3,9 @@ import pytest
 import torch
 
 from hotice.fields import build_hod_pf
+from hotice.fields.bank import FieldBank
+from hotice.fields.potential import FieldParams
+from hotice.model import load_scenes
 from hotice.model.robot_state import RobotState
 from hotice.policy.guidance import read_fields
 from hotice.policy.observation import Carrying, layout_of, observe, remember
@@ -13,8 +16,6 @@ from hotice.task.policy_task import PolicyTask
 
 @pytest.fixture(scope="module")
 def fields():
-    from hotice.model import load_scenes
-
     return {s.name: build_hod_pf(s) for s in load_scenes(["beam", "gap", "pillars", "pipe"])}
 
 
@@ -51,6 +52,22 @@ def test_observation_equals_the_environments(make_env, states, fields, preset, s
         np.testing.assert_allclose(percept.p_WK, s.p_WK[i, :11], atol=1e-6)
         np.testing.assert_allclose(reading.goal_distance[0], s.goal_distance[i], atol=1e-6)
         np.testing.assert_allclose(reading.speed[0], s.speed[i], atol=1e-5)
+
+
+def test_observation_equals_the_environments_with_other_constants_too(make_env, states):
+    """Fields of another eta, reach and margin, another walking speed and stop."""
+    scenes, params = load_scenes(["beam", "gap"]), FieldParams(attraction=1.0, influence_distance_m=0.3, repulsion=2e-3)
+    bank = FieldBank.build(scenes, 0.08, 0.05, params)
+    constants = {"speed_m_s": 0.45, "stop_gain_hz": 1.5}
+    env = make_env(bank=bank, scan=True, **constants)
+    fields = {s.name: build_hod_pf(s, 0.08, 0.05, params) for s in scenes}
+    s, task = env.snapshot(), PolicyTask(scan=True, **constants)
+    wanted = env.policy_table(s).numpy()
+    for i in range(env.num_envs):
+        got, _, reading = twin(env, states, fields, task, i)
+        np.testing.assert_allclose(got, wanted[i], atol=3e-5)
+        np.testing.assert_allclose(reading.speed[0], s.speed[i], atol=1e-5)
+    assert s.speed.max() == 0.45 and s.sgf.force_W.norm(dim=-1).min() > 0.6
 
 
 def test_the_history_is_the_environments(make_env, states, fields):

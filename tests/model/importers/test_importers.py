@@ -54,7 +54,8 @@ def pcd_bytes(points, encoding, dtype="<f4"):
     size = np.dtype(dtype).itemsize
     header = (
         f"# .PCD v0.7\nVERSION 0.7\nFIELDS intensity x _ y z\nSIZE 1 {size} 1 {size} {size}\nTYPE U F U F F\n"
-        f"COUNT 1 1 3 1 1\nWIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 1 2 3 1 0 0 0\nPOINTS {len(points)}\nDATA {encoding}\n"
+        f"COUNT 1 1 3 1 1\nWIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 1 2 3 1 0 0 0\n"
+        f"POINTS {len(points)}\nDATA {encoding}\n"
     )
     rows = np.zeros(len(points), dtype=[("i", "u1"), ("x", dtype), ("_", "u1", (3,)), ("y", dtype), ("z", dtype)])
     rows["i"] = np.arange(len(points)) % 256

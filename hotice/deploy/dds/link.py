@@ -1,0 +1,70 @@
+"""The robot's low-level topics over DDS: the controller's end, and the robot's for simulated robots."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hotice.deploy.clock import Clock, MonotonicClock
+from hotice.deploy.command import CheckedCommand
+from hotice.deploy.dds.idl_types import packed_type
+from hotice.deploy.dds.node import DdsNode
+from hotice.deploy.dds.ports import Reader, Writer
+from hotice.deploy.link.inbox import CommandInbox, StateInbox
+from hotice.deploy.link.outgoing import outgoing
+from hotice.deploy.link.protocol import LinkCounts, ReceivedCommand, ReceivedState
+from hotice.deploy.messages.checks import seal
+from hotice.deploy.messages.hg import LOW_CMD, LOW_STATE
+
+COMMAND_TOPIC = "rt/lowcmd"
+STATE_TOPIC = "rt/lowstate"
+
+
+class DdsLink:
+    """A controller's end, see `Link`. It reads the command topic too: what it did not write is foreign."""
+
+    def __init__(self, node: DdsNode, clock: Clock | None = None) -> None:
+        self._inbox, self._foreign = StateInbox(clock or MonotonicClock()), 0
+        self._states = Reader(node, STATE_TOPIC, packed_type(LOW_STATE))
+        self._others = Reader(node, COMMAND_TOPIC, packed_type(LOW_CMD), foreign_only=True)
+        self._commands = Writer(node, COMMAND_TOPIC, packed_type(LOW_CMD))
+
+    def publish(self, command: CheckedCommand) -> None:
+        self._commands.write(outgoing(command, self._inbox.state()))
+
+    def state(self) -> ReceivedState | None:
+        for data in self._states.take():
+            self._inbox.offer(data)
+        self._foreign += len(self._others.take())
+        return self._inbox.state()
+
+    def counts(self) -> LinkCounts:
+        return self._inbox.counts(self._foreign)
+
+    def close(self) -> None:
+        for port in (self._commands, self._others, self._states):
+            port.close()
+
+
+class DdsRobot:
+    """A simulated robot's end, see `RobotEnd`."""
+
+    def __init__(self, node: DdsNode, clock: Clock | None = None) -> None:
+        self._inbox = CommandInbox(clock or MonotonicClock())
+        self._commands = Reader(node, COMMAND_TOPIC, packed_type(LOW_CMD))
+        self._states = Writer(node, STATE_TOPIC, packed_type(LOW_STATE))
+
+    def publish_state(self, record: np.ndarray) -> None:
+        self._inbox.machine = int(record["mode_machine"])
+        self._states.write(seal(LOW_STATE, record))
+
+    def command(self) -> ReceivedCommand | None:
+        for data in self._commands.take():
+            self._inbox.offer(data)
+        return self._inbox.command()
+
+    def counts(self) -> LinkCounts:
+        return self._inbox.counts()
+
+    def close(self) -> None:
+        self._states.close()
+        self._commands.close()
