@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from hotice.arrays import clip, namespace
-from hotice.fields.defaults import ETA
 
-ENCODE_SCALE = ETA
+ENCODE_SCALE = 0.6
 """|F| at which the encoded magnitude is tanh(1) = 0.76 [m/s]: a unit of the observation, fixed for all policies; the
 size of the attractive force alone at the paper's eta (ours)."""
 CLIP_M, DISTANCE_SCALE = (-0.1, 0.5), 2.0

@@ -6,10 +6,9 @@ import sys
 from dataclasses import fields, replace
 
 import pytest
-import torch
 
 from hotice.evaluate.conditions import KEPT, Conditions
-from hotice.fields import FieldParams, alignment, build_hod_pf, defaults, query
+from hotice.fields import FieldParams, build_hod_pf, defaults, query
 from hotice.fields.bank import FieldBank
 from hotice.fields.reachability import check_reachable
 from hotice.learn.distill.teachers import contract
@@ -55,12 +54,10 @@ def test_fields_are_built_as_for_the_task(function):
     assert (taken["margin_m"], taken["resolution_m"]) == (TaskConfig().margin_m, TaskConfig().resolution_m)
 
 
-def test_commands_and_observations_as_for_the_task():
+def test_commands_as_for_the_task():
     taken = {name: p.default for name, p in inspect.signature(query).parameters.items()}
     assert (taken["speed_m_s"], taken["stop_gain_hz"]) == (TaskConfig().speed_m_s, TaskConfig().stop_gain_hz)
-    assert alignment.ENCODE_SCALE == FieldParams().attraction == defaults.ETA
-    force = torch.tensor([0.6, 0.0, 0.0])
-    assert alignment.encode(force)[3] == pytest.approx(0.76159, abs=1e-5)  # tanh(1)
+    assert FieldParams().attraction == defaults.ETA
     assert StationConfig().push_interval_s == TaskConfig().push_interval_s
 
 
