@@ -23,7 +23,7 @@ from hotice.model import Obstacle, Scene
 from hotice.model.generate.indoor import indoor_scenes
 from hotice.model.generate.rooms import RECIPES, furnish
 from hotice.model.generate.traversable import check_traversable
-from hotice.model.importers.front3d_scenes import front3d_scenes
+from hotice.model.importers.house_scenes import front3d_scenes
 from hotice.replay.picture import CATEGORY_COLORS
 from hotice.replay.solids import obstacle_triangles, outline, placed
 

@@ -16,7 +16,7 @@ from hotice.checks import Range
 from hotice.commands.help_text import unbroken_help
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable
-from hotice.model.importers.front3d_scenes import Front3dConfig
+from hotice.model.importers.house_scenes import Front3dConfig
 from hotice.model.importers.options import ImportOptions
 
 if TYPE_CHECKING:
@@ -94,9 +94,9 @@ def import_map(config: Flat[ImportConfig]) -> int:
 
 def import_front3d(config: Flat[Front3dConfig]) -> int:
     """Crop scenes from a house of the 3D-FRONT data set."""
-    from hotice.model.importers import front3d_scenes
+    from hotice.model.importers import house_scenes
 
-    return front3d_scenes.import_front3d(config)
+    return house_scenes.import_front3d(config)
 
 
 def show(config: Flat[ShowConfig]) -> int:

@@ -23,8 +23,8 @@ from hotice.policy.policy_file import (
     PolicySession,
     shipped_policies,
 )
-from hotice.task.config import get_preset
 from hotice.task.policy_task import PolicyTask
+from hotice.task.presets import get_preset
 
 
 class Policy(Protocol):

@@ -5,7 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+__all__ = [
+    "mat_to_quat",
+    "normalize",
+    "quat_conj",
+    "quat_from_axis_angle",
+    "quat_from_yaw",
+    "quat_mul",
+    "quat_rotate",
+    "quat_to_mat",
+    "yaw_from_quat",
+]
+
+Array = NDArray[np.floating]
 
 
 def normalize(v: ArrayLike, eps: float = 1e-12) -> Array:

@@ -25,7 +25,7 @@ from hotice.learn.train.runner import Runner
 from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
 from hotice.policy.policy_file import KEY, content_hash, read_onnx_meta
-from hotice.task.config import PRESETS
+from hotice.task.presets import PRESETS
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from hotice.learn.ppo.networks import ActorCritic
 from hotice.learn.ppo.storage import Batch, Rollout
 from hotice.learn.train.runner import Runner
 from hotice.sim.observations import mirror_action
-from hotice.task.config import DUAL
+from hotice.task.presets import DUAL
 
 OBS, CRITIC, STEPS = 11, 13, 6
 ENVS = {"one": 8, "several": 1600}

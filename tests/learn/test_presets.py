@@ -14,7 +14,7 @@ from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 from hotice.sim.rewards import L, S, U
-from hotice.task.config import PRESETS
+from hotice.task.presets import PRESETS
 
 SWITCHES = [
     ("agents", "single_sgf", "dual_sgf"),

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from hotice.task.config import Agent
+from hotice.task.presets import Agent
 
 
 def mlp(sizes: Sequence[int], last_gain: float) -> nn.Sequential:

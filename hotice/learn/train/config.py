@@ -17,7 +17,8 @@ from hotice.files import make_folder, write_text
 from hotice.learn.ppo.config import PpoConfig
 from hotice.sim.physics.protocol import BACKENDS
 from hotice.sim.starts import NEAREST_M
-from hotice.task.config import TaskConfig, get_preset
+from hotice.task.config import TaskConfig
+from hotice.task.presets import get_preset
 from hotice.version import source_version
 
 

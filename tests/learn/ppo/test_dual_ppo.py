@@ -11,7 +11,7 @@ from hotice.learn.ppo.losses import clipped_surrogate, clipped_value
 from hotice.learn.ppo.networks import ActorCritic
 from hotice.learn.ppo.storage import Rollout
 from hotice.sim.observations import mirror_action
-from hotice.task.config import DUAL, SINGLE
+from hotice.task.presets import DUAL, SINGLE
 
 OBS, CRITIC, STEPS, ENVS = 11, 13, 4, 6
 

@@ -13,7 +13,7 @@ from hotice.model.generate.traversable import check_traversable
 from hotice.model.geometry.extents import extent
 from hotice.model.geometry.shapes import BoxShape, MeshShape
 from hotice.model.importers.front3d import Front3dReport, House, PlacedMesh, load_house
-from hotice.model.importers.front3d_scenes import (
+from hotice.model.importers.house_scenes import (
     Front3dConfig,
     SolidHouse,
     crop_house,
