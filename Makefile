@@ -16,7 +16,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check 
 SOURCES := hotice tests benchmarks tools
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format type notebooks benchmark install clean distclean
+.PHONY: help demo test test-fast lint format type docs notebooks benchmark install clean distclean
 
 help: ## Show this list
 	@awk 'BEGIN {FS = ":.*## "} /^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -58,6 +58,9 @@ format: $(VENV)/.dev ## Mend style and layout
 
 type: $(VENV)/.dev ## Check types
 	$(BIN)/pyright
+
+docs: $(VENV)/.dev ## Write the API reference to build/reference; any warning and any lost name fails
+	OMP_NUM_THREADS=1 $(BIN)/python -m tools.reference build/reference
 
 notebooks: $(VENV)/.dev ## Execute every notebook, with a short training
 	HOTICE_TRAIN_MINUTES=$${HOTICE_TRAIN_MINUTES:-0.5} $(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks $(ARGS)

@@ -17,10 +17,9 @@ from rich.progress import track
 from rich.table import Table
 
 from hotice.errors import CarryInfeasible
-from hotice.model import builder
-from hotice.model.carry import CarryState, Posture, solve_carry
+from hotice.model import CarryState, ObjectRange, builder, solve_carry
+from hotice.model.carry import Posture
 from hotice.model.dynamics import DynamicsConfig, perturb
-from hotice.model.object_range import ObjectRange
 
 NOISE_RAD = 0.03
 SECONDS = 5.0

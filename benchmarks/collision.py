@@ -19,17 +19,27 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from hotice.fields.bank import FieldBank
-from hotice.model import Box, Obstacle, Scene
-from hotice.model.carry import CarryState, Posture, solve_carry
-from hotice.model.collision import CollisionChecker
+from hotice.fields import FieldBank
+from hotice.model import (
+    Box,
+    BoxShape,
+    CarriedObject,
+    CarryState,
+    CollisionChecker,
+    Cylinder,
+    CylinderShape,
+    Obstacle,
+    RobotState,
+    Scene,
+    Sphere,
+    SphereShape,
+    solve_carry,
+)
+from hotice.model.carry import Posture
 from hotice.model.collision_geometry import OBJECT_OBSTACLE, ROBOT_OBSTACLE
 from hotice.model.frames import normalize, quat_from_yaw, quat_mul, quat_rotate
-from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, Shape, SphereShape
-from hotice.model.objects import CarriedObject, Cylinder, Sphere
-from hotice.model.robot_state import RobotState
-from hotice.sim import TransportEnv
-from hotice.sim.carry_bank import CarryBank
+from hotice.model.geometry import CapsuleShape, Shape
+from hotice.sim import CarryBank, TransportEnv
 
 BAR_MS, BAR_PAIRS = 1.0, 25 * 30
 BAR_DEPTH_M = 0.01

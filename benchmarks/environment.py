@@ -16,12 +16,12 @@ from dataclasses import replace
 
 import mujoco
 
-from hotice.learn.policy import load_policy
+from hotice.learn import load_policy
 from hotice.model import builder, g1
-from hotice.model.scene_sets import resolve_scenes
+from hotice.model.shipped import resolve_scenes
 from hotice.sim import TransportEnv
 from hotice.sim.physics.threads import use_threads
-from hotice.task.config import TaskConfig
+from hotice.task import TaskConfig
 
 KEPT = (
     "leg_scale_rad",

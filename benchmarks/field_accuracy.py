@@ -23,13 +23,12 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from hotice.fields import FieldParams, build_hod_pf
 from hotice.fields.geodesic.fast_marching import solve_geodesic
 from hotice.fields.grid import Grid
-from hotice.fields.hod_pf import build_hod_pf
-from hotice.fields.potential import FieldParams, f_rep
+from hotice.fields.potential import f_rep
 from hotice.fields.solids import Space
-from hotice.model import Obstacle, Scene
-from hotice.model.geometry.shapes import BoxShape, SphereShape
+from hotice.model import BoxShape, Obstacle, Scene, SphereShape
 
 Points = NDArray[np.float64]
 LEAST_ORDER = 1.8

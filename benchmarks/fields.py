@@ -29,9 +29,8 @@ from scipy import ndimage
 
 from hotice.fields import FieldBank, build_hod_pf
 from hotice.fields.volumes import NODE_BYTES
-from hotice.model import Scene, load_scene
+from hotice.model import Scene, load_scene, shipped_scenes
 from hotice.model.generate import family_from_text
-from hotice.model.scene import shipped_scenes
 
 H, MARGIN_M = 0.04, 0.08
 BUILD_SHARE, SAMPLE_RATIO, MEMORY = 0.25, 3.0, 8 * 2**30

@@ -21,8 +21,9 @@ from rich.table import Table
 
 from benchmarks.carry import hold
 from hotice.errors import CarryInfeasible
-from hotice.model.carry import CarryState, Posture, solve_carry
-from hotice.model.object_range import SHAPES, ObjectRange
+from hotice.model import CarryState, ObjectRange, solve_carry
+from hotice.model.carry import Posture
+from hotice.model.object_range import SHAPES
 
 FINE_S = 0.002
 FINE = (0.6, 0.8, 1.0, 1.2)

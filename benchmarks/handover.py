@@ -20,12 +20,9 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
 from hotice.errors import HoticeError
-from hotice.evaluate.trials import success_interval
-from hotice.model.object_range import ObjectRange
-from hotice.model.objects import CarriedObject
-from hotice.systems import StationConfig, make_station, read_logs
-from hotice.systems.record.hand_over import HandOverReport, report_hand_over
-from hotice.systems.station.make import Station
+from hotice.evaluate import success_interval
+from hotice.model import CarriedObject, ObjectRange
+from hotice.systems import HandOverReport, Station, StationConfig, make_station, read_logs, report_hand_over
 
 BEYOND_S, LIMIT_S = 3.0, 40.0
 

@@ -22,7 +22,7 @@ from rich.progress import track
 from rich.table import Table
 
 from hotice.model.frames import quat_from_axis_angle, quat_to_mat
-from hotice.model.importers.scene_import import ImportOptions, from_points, import_scene
+from hotice.model.importers import ImportOptions, from_points, import_scene
 
 BAR_S = 5.0
 ROOM_LOW, ROOM_HIGH = np.array([-3.0, -3.0, 0.0]), np.array([5.0, 3.0, 2.5])

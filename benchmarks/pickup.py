@@ -20,15 +20,12 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from hotice.control.controller import Measurement
+from hotice.control import Measurement, TorquePlant
 from hotice.control.pick_plan import Support
 from hotice.control.pickup import Pickup, Stance
-from hotice.control.plant import TorquePlant
 from hotice.errors import CarryInfeasible, PickInfeasible
-from hotice.model import Obstacle, Scene, builder, frames
-from hotice.model.geometry.shapes import BoxShape
-from hotice.model.object_range import SHAPES, ObjectRange
-from hotice.model.objects import CarriedObject
+from hotice.model import BoxShape, CarriedObject, ObjectRange, Obstacle, Scene, builder, frames
+from hotice.model.object_range import SHAPES
 
 HELD_S, LIMIT_S = 5.0, 60.0
 NEAR_M = 0.24

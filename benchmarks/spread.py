@@ -16,8 +16,7 @@ import sys
 from pathlib import Path
 
 from hotice.errors import HoticeError
-from hotice.evaluate.spread import spread_ratio, success_table
-from hotice.evaluate.trials import read_trials
+from hotice.evaluate import read_trials, spread_ratio, success_table
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -26,14 +26,12 @@ from rich.table import Table
 from hotice.files import write_text
 from hotice.model import g1, load_scene
 from hotice.model.joint_limits import torque_limits
-from hotice.policy import PerceptModel
-from hotice.policy.guidance import read_fields
-from hotice.policy.observation import Carrying, observe, remember
-from hotice.systems import StationConfig, make_station
+from hotice.policy import Carrying, PerceptModel, observe, read_fields
+from hotice.policy.observation import remember
+from hotice.systems import Station, StationConfig, make_station
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.policy import next_action
 from hotice.systems.state_adaptor import robot_state_of_mujoco
-from hotice.systems.station.make import Station
 from hotice.task import history
 
 SPEED_BAR, REAL_TIME_BAR, PELVIS_BAR_M = 0.85, 1.0, 0.05
@@ -115,7 +113,7 @@ def environment(seconds: float) -> float:
     """Speed of the training environment with one robot and the same policy."""
     import torch
 
-    from hotice.learn.policy import load_policy
+    from hotice.learn import load_policy
     from hotice.sim import TaskConfig, TransportEnv
 
     torch.set_num_threads(1)

@@ -17,20 +17,17 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from hotice.control.plant import TorquePlant
+from hotice.control import TorquePlant
 from hotice.control.walk import WalkConfig
 from hotice.errors import HoticeError
+from hotice.evaluate import Trials, run_trial, success_interval
 from hotice.evaluate.config import PAPER_S
-from hotice.evaluate.referees import GOAL_M
-from hotice.evaluate.trials import Trials, success_interval
-from hotice.evaluate.walk_trials import Trial, run_trial
+from hotice.evaluate.walk_trials import Trial
 from hotice.fields import build_hod_pf
-from hotice.model import builder
-from hotice.model.carry import CarryState, solve_carry
+from hotice.model import CarryState, ObjectRange, Scene, builder, solve_carry
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
-from hotice.model.object_range import ObjectRange
-from hotice.model.scene import Scene
-from hotice.model.scene_sets import resolve_scenes
+from hotice.model.shipped import resolve_scenes
+from hotice.task.rules import GOAL_M
 
 PHYSICS_S, FINE_S = 0.005, 0.002
 SETTLED_S = 1.0

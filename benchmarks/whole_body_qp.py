@@ -20,11 +20,9 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.pickup import NEAR_M, Trial, run
-from hotice.control.pick_plan import Support
-from hotice.control.pick_plan.grip import Grip
-from hotice.control.whole_body.qp import QpConfig, WholeBodyQp
-from hotice.control.whole_body.solvers import SOLVERS
-from hotice.model.objects import Box
+from hotice.control.pick_plan import Grip, Support
+from hotice.control.whole_body import SOLVERS, QpConfig, WholeBodyQp
+from hotice.model import Box
 
 
 def record() -> tuple[list, np.ndarray]:

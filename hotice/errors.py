@@ -6,6 +6,28 @@ of a `HoticeError` on one line and exits with status 2; anything else is a defec
 
 from collections.abc import Iterable
 
+__all__ = [
+    "CarryInfeasible",
+    "CheckpointError",
+    "DivergedError",
+    "HoticeError",
+    "InputError",
+    "InvalidConfig",
+    "InvalidMap",
+    "InvalidObject",
+    "InvalidScene",
+    "InvalidState",
+    "InvalidStation",
+    "MissingExtra",
+    "NotAvailable",
+    "OutOfMemory",
+    "OutputError",
+    "PickInfeasible",
+    "SimulationError",
+    "UnknownName",
+    "UnreachableGoal",
+]
+
 
 class HoticeError(Exception):
     """Base of every error that a user of hotice can mend."""

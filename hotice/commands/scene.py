@@ -16,7 +16,7 @@ from hotice.checks import Range
 from hotice.commands.help_text import unbroken_help
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable
-from hotice.model.importers.front3d_scenes import Front3dConfig
+from hotice.model.importers.house_scenes import Front3dConfig
 from hotice.model.importers.options import ImportOptions
 
 if TYPE_CHECKING:
@@ -94,9 +94,9 @@ def import_map(config: Flat[ImportConfig]) -> int:
 
 def import_front3d(config: Flat[Front3dConfig]) -> int:
     """Crop scenes from a house of the 3D-FRONT data set."""
-    from hotice.model.importers import front3d_scenes
+    from hotice.model.importers import house_scenes
 
-    return front3d_scenes.import_front3d(config)
+    return house_scenes.import_front3d(config)
 
 
 def show(config: Flat[ShowConfig]) -> int:
@@ -143,8 +143,7 @@ def list_scenes() -> int:
     from rich.console import Console
 
     from hotice.model.generate.families import FAMILIES
-    from hotice.model.scene import shipped_scenes, shipped_sets
-    from hotice.model.scene_sets import FAMILY_PREFIX
+    from hotice.model.shipped import FAMILY_PREFIX, shipped_scenes, shipped_sets
 
     console = Console(highlight=False)
     console.print("[bold]scenes[/]  " + ", ".join(shipped_scenes()))
@@ -163,7 +162,7 @@ def generate(config: Flat[GenerateConfig]) -> int:
 
     from hotice.files import make_folder
     from hotice.model.generate.families import generate_from_text
-    from hotice.model.scene_sets import FAMILY_PREFIX
+    from hotice.model.shipped import FAMILY_PREFIX
 
     if not config.families:
         raise InvalidConfig(f"no family is given: {FAMILY_PREFIX}NAME:COUNT or ...:SEED, see `hotice scene list`")
@@ -204,7 +203,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _resolve(items: Sequence[str]) -> list[Scene]:
-    from hotice.model.scene_sets import resolve_scenes
+    from hotice.model.shipped import resolve_scenes
 
     if not items:
         raise InvalidConfig("no scene is given: see `hotice scene list`")

@@ -1,25 +1,19 @@
-"""What guides: signed and geodesic distance, SGF, OGF and their sampling. torch is imported only where it is used."""
+"""What guides: signed and geodesic distance, SGF, OGF and their sampling. A name is imported when it is used."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from hotice.fields.hod_pf import GuidanceField, HodPf, build_hod_pf
-from hotice.fields.potential import FieldParams
-from hotice.fields.similarity import scene_similarity, similarity_matrix, similarity_to_set
+from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
     from hotice.fields.alignment import cosine, encode, residual_cosine
     from hotice.fields.bank import FieldBank, FieldSample
+    from hotice.fields.command import navigation_command
     from hotice.fields.guidance import Guidance, query
-
-_LAZY = {
-    "FieldBank": "bank",
-    "FieldSample": "bank",
-    "Guidance": "guidance",
-    "query": "guidance",
-    "cosine": "alignment",
-    "encode": "alignment",
-    "residual_cosine": "alignment",
-}
+    from hotice.fields.hod_pf import GuidanceField, HodPf, build_hod_pf
+    from hotice.fields.potential import FieldParams
+    from hotice.fields.similarity import scene_similarity, similarity_matrix, similarity_to_set
+else:
+    __getattr__, __dir__ = lazy_face(__name__)
 
 __all__ = [
     "FieldBank",
@@ -31,17 +25,10 @@ __all__ = [
     "build_hod_pf",
     "cosine",
     "encode",
+    "navigation_command",
     "query",
     "residual_cosine",
     "scene_similarity",
     "similarity_matrix",
     "similarity_to_set",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _LAZY:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)

@@ -24,6 +24,16 @@ from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.model.self_contact import add_self_contact
 
+__all__ = [
+    "add_object",
+    "add_obstacles",
+    "add_to_plant",
+    "build_model",
+    "pinocchio_model",
+    "plant_text",
+    "robot_spec",
+]
+
 if TYPE_CHECKING:
     import pinocchio
     from pydrake.multibody.plant import MultibodyPlant

@@ -7,6 +7,21 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+__all__ = [
+    "GRAVITY",
+    "mat_to_quat",
+    "normalize",
+    "quat_conj",
+    "quat_from_axis_angle",
+    "quat_from_yaw",
+    "quat_mul",
+    "quat_rotate",
+    "quat_to_mat",
+    "rotation_y",
+    "rotation_z",
+    "yaw_from_quat",
+]
+
 GRAVITY = 9.81
 """Along -z of the world [m/s²], as in every model that a simulator runs."""
 Array = NDArray[np.float64]

@@ -14,6 +14,24 @@ import numpy as np
 
 from hotice.errors import UnknownName
 
+__all__ = [
+    "ACTION_JOINTS",
+    "ALL_JOINTS",
+    "ARM_JOINTS",
+    "LEG_JOINTS",
+    "LOCKED_JOINTS",
+    "LOWER",
+    "OGF_KEYPOINTS",
+    "SGF_KEYPOINTS",
+    "SIDES",
+    "UPPER",
+    "WAIST_JOINTS",
+    "WRIST_JOINTS",
+    "gains",
+    "mirror_joints",
+    "xml_path",
+]
+
 SIDES = ("left", "right")
 ROOT_BODY = "pelvis"
 TORSO_BODY = "torso_link"

@@ -1,7 +1,35 @@
 """What a rollout looked like: a record, a self-contained web page, and pictures."""
 
-from hotice.replay.html import write_html
-from hotice.replay.picture import film_strip, write_overview
-from hotice.replay.rollout import OUTCOMES, InvalidRollout, RolloutRecord
+from typing import TYPE_CHECKING
 
-__all__ = ["OUTCOMES", "InvalidRollout", "RolloutRecord", "film_strip", "write_html", "write_overview"]
+from hotice.lazy import lazy_face
+
+if TYPE_CHECKING:
+    from hotice.replay.explorer import field_explorer
+    from hotice.replay.html import write_html
+    from hotice.replay.import_picture import write_import_picture
+    from hotice.replay.maps import draw_map
+    from hotice.replay.picture import film_strip, write_overview
+    from hotice.replay.rollout import InvalidRollout, RolloutRecord
+    from hotice.replay.scene_view import scene_page
+    from hotice.replay.slices import draw_descent, draw_slice
+    from hotice.replay.video import write_video
+    from hotice.task.rules import OUTCOMES
+else:
+    __getattr__, __dir__ = lazy_face(__name__)
+
+__all__ = [
+    "InvalidRollout",
+    "OUTCOMES",
+    "RolloutRecord",
+    "draw_descent",
+    "draw_map",
+    "draw_slice",
+    "field_explorer",
+    "film_strip",
+    "scene_page",
+    "write_html",
+    "write_import_picture",
+    "write_overview",
+    "write_video",
+]

@@ -4,34 +4,41 @@ Every port is documented by its system: name, shape, unit, frame. Needs Drake; n
 """
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hotice.errors import MissingExtra
+from hotice.lazy import lazy_face
 
 if find_spec("pydrake") is None:
     raise MissingExtra("hotice.systems", "Drake", "drake")
 
 if TYPE_CHECKING:
-    from hotice.systems.logs import read_logs
+    from hotice.systems.logs import SignalLog, read_logs
+    from hotice.systems.record.hand_over import HandOverReport, report_hand_over
     from hotice.systems.record.picture import write_diagram, write_station_page
+    from hotice.systems.record.play import play_station
+    from hotice.systems.record.rollout import to_record
+    from hotice.systems.safety_monitor import Fault, SafetyLimits, SafetyMonitor
     from hotice.systems.setup.config import StationConfig
+    from hotice.systems.setup.rehearsal_config import RehearsalConfig
     from hotice.systems.station.make import Station, make_station
+else:
+    __getattr__, __dir__ = lazy_face(__name__)
 
-_LAZY = {
-    "Station": "station.make",
-    "StationConfig": "setup.config",
-    "make_station": "station.make",
-    "read_logs": "logs",
-    "write_diagram": "record.picture",
-    "write_station_page": "record.picture",
-}
-
-__all__ = ["Station", "StationConfig", "make_station", "read_logs", "write_diagram", "write_station_page"]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _LAZY:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)
+__all__ = [
+    "Fault",
+    "HandOverReport",
+    "RehearsalConfig",
+    "SafetyLimits",
+    "SafetyMonitor",
+    "SignalLog",
+    "Station",
+    "StationConfig",
+    "make_station",
+    "play_station",
+    "read_logs",
+    "report_hand_over",
+    "to_record",
+    "write_diagram",
+    "write_station_page",
+]

@@ -11,7 +11,7 @@ import mujoco
 from hotice.control.controller import Measurement
 from hotice.control.pick_plan import Support
 from hotice.control.pickup import Pickup, PickupConfig
-from hotice.control.pickup.end_state import end_state
+from hotice.control.pickup.end_state import carry_at_end
 from hotice.control.pickup.footwork import Departure
 from hotice.control.walk.later import WalkLater
 from hotice.fields import build_hod_pf
@@ -32,7 +32,7 @@ def pickup(carried, **options):
 @pytest.mark.parametrize("carried", [Box((0.3, 0.3, 0.3), 1.5), Box((0.4, 0.2, 0.2), 3.2)], ids=["cube", "long"])
 def test_the_pick_up_ends_in_the_stance_of_the_policies(carried):
     picked = pickup(carried)
-    state, own = end_state(picked), solve_carry(carried)
+    state, own = carry_at_end(picked), solve_carry(carried)
     assert abs(state.root_pos_W[2] - own.root_pos_W[2]) < 0.005 and abs(state.posture.lean_rad) < 0.03
     np.testing.assert_allclose(state.joint_pos[g1.LOWER], own.joint_pos[g1.LOWER], atol=0.12)
     np.testing.assert_allclose(state.object_pos_W - state.root_pos_W, own.object_pos_W - own.root_pos_W, atol=0.08)
@@ -43,7 +43,7 @@ def test_the_pick_up_ends_in_the_stance_of_the_policies(carried):
 def test_servo_targets_of_the_end_hold_the_object():
     """What the motors' own servos make of it in 0.4 s, before a policy must balance; bare angles let the object
     down."""
-    state = end_state(pickup(Box((0.3, 0.3, 0.3), 1.5)))
+    state = carry_at_end(pickup(Box((0.3, 0.3, 0.3), 1.5)))
     model = builder.build_model(state.carried, wrist_pos=state.wrist_pos)
     moved = []
     for target in (state.joint_target, state.joint_pos):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hotice.errors import InvalidObject
-from hotice.model import Box, Cylinder, Sphere, object_from_dict
+from hotice.model.objects import Box, Cylinder, Sphere, object_from_dict
 
 OBJECTS = [Box((0.3, 0.2, 0.4), 1.5), Cylinder(0.15, 0.4, 2.0), Sphere(0.2, 1.0)]
 

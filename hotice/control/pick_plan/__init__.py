@@ -3,8 +3,16 @@
 Importing this package costs numpy and numba only.
 """
 
-from hotice.control.pick_plan.grip import ready_joints
-from hotice.control.pick_plan.plan import Durations, PickPlan, Support
-from hotice.control.pick_plan.planner import Planner
+from typing import TYPE_CHECKING
 
-__all__ = ["Durations", "PickPlan", "Planner", "Support", "ready_joints"]
+from hotice.lazy import lazy_face
+
+if TYPE_CHECKING:
+    from hotice.control.pick_plan.grip import Grip, ready_joints
+    from hotice.control.pick_plan.plan import Durations, PickPlan, Support
+    from hotice.control.pick_plan.planner import Planner
+    from hotice.control.pick_plan.task import frames_at
+else:
+    __getattr__, __dir__ = lazy_face(__name__)
+
+__all__ = ["Durations", "Grip", "PickPlan", "Planner", "Support", "frames_at", "ready_joints"]

@@ -6,10 +6,19 @@ back to standing. The robot may stand anywhere: all is planned and done in G, th
 (`stance`).
 """
 
-from hotice.control.pickup.config import PickupConfig
-from hotice.control.pickup.controller import Pickup
-from hotice.control.pickup.memory import PickupMemory
-from hotice.control.pickup.phases import PHASES
-from hotice.control.pickup.stance import Stance
+from typing import TYPE_CHECKING
 
-__all__ = ["PHASES", "Pickup", "PickupConfig", "PickupMemory", "Stance"]
+from hotice.lazy import lazy_face
+
+if TYPE_CHECKING:
+    from hotice.control.pickup.config import PickupConfig
+    from hotice.control.pickup.controller import Pickup
+    from hotice.control.pickup.end_state import carry_at_end
+    from hotice.control.pickup.footwork import Departure
+    from hotice.control.pickup.memory import PickupMemory
+    from hotice.control.pickup.phases import PHASES
+    from hotice.control.pickup.stance import Stance
+else:
+    __getattr__, __dir__ = lazy_face(__name__)
+
+__all__ = ["Departure", "PHASES", "Pickup", "PickupConfig", "PickupMemory", "Stance", "carry_at_end"]

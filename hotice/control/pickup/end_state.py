@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from hotice.control.pick_plan.task import frames_at
-from hotice.control.pickup import Pickup
+from hotice.control.pickup.controller import Pickup
 from hotice.model import g1
 from hotice.model.carry import CarryState, carry_state_at
 
 
-def end_state(pickup: Pickup) -> CarryState:
+def carry_at_end(pickup: Pickup) -> CarryState:
     """The carry state at the end of the planned pick-up: its grasp, its locked wrists, its squeeze.
 
     It is not that of `solve_carry`: the palms hold above the object's centre, boxes at the front of the palms, and the

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from hotice.model import g1
-from hotice.task.config import Agent
+from hotice.task.presets import Agent
 
 
 def mlp(sizes: Sequence[int], last_gain: float) -> nn.Sequential:

@@ -29,7 +29,8 @@ from hotice.model.scene import Scene
 
 MARGIN_M = 0.02
 """Least distance between envelope and obstacles."""
-GOAL_RADIUS_M = 0.1
+REACHED_M = 0.1
+"""A path that ends so near to the goal reaches it: not farther than where the task counts an arrival."""
 BORDER_M = 0.2
 BLOCK = 4
 MAX_PLACES = 600_000
@@ -77,7 +78,7 @@ def check_traversable(
     checks.number("resolution_m", resolution_m, Range(least=0.01, most=0.1, unit="m"))
     envelope = Envelope.of(carried_half_extents_m)
     grid = _grid(scene, resolution_m, CAP_M + float(envelope.ball[:, 3].max()))
-    found = search(grid, envelope, scene.start, scene.goal, GOAL_RADIUS_M, MARGIN_M)
+    found = search(grid, envelope, scene.start, scene.goal, REACHED_M, MARGIN_M)
     yaw = np.array([math.atan2(y, x) for x, y in HEADINGS])[found.node[:, 2]]
     path = np.column_stack([grid.places(found.node[:, :2]), yaw])
     return Traversal(

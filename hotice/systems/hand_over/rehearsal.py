@@ -42,8 +42,7 @@ class Sensing:
         cfg, dt_s, k = self._config, self._dt_s, self._count
         if cfg.exact and not self._offset.any():
             return true
-        hold = max(1, round(1.0 / (cfg.root_hz * dt_s))) if cfg.root_hz else 1
-        gain = min(1.0, dt_s / cfg.object_filter_s) if cfg.object_filter_s else 1.0
+        hold, gain = cfg.hold_steps(dt_s), cfg.object_gain(dt_s)
         percept, self._estimate = measure(
             true,
             self._estimate,

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.model import builder, g1
+from hotice.model import g1
 from hotice.systems.setup.setup import StationSetup
 from hotice.systems.signals import (
     JOINT_POS,
@@ -20,11 +20,12 @@ from hotice.systems.signals import (
     ROOT_RATE,
     ROOT_VEL,
 )
+from hotice.task import rules
+from hotice.task.judge import Judge
 
 Array = NDArray[np.float64]
 VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diverged", "no_way")
 """How a rehearsal ended; `fit`: nothing happened; `no_way`: the walking baseline has no plan to the goal."""
-FALLEN_M, UPRIGHT, LOST_M = 0.5, 0.7, 0.15
 
 
 class RehearsalStage:
@@ -32,9 +33,7 @@ class RehearsalStage:
 
     def __init__(self, setup: StationSetup) -> None:
         self.model = setup.model()
-        self._hands = [self.model.site(name).id for name in ("left_hand", "right_hand")]
-        self._pelvis = self.model.body(g1.ROOT_BODY).id
-        self._hits = bool(setup.world.obstacles)
+        self._judge = Judge(self.model, rules.falling)
 
     def start(self, state: Array, push_m_s: float) -> tuple[Array, Array]:
         """Configuration (34,) and velocity (32,) of a robot state (84,), its root pushed to the left."""
@@ -47,15 +46,5 @@ class RehearsalStage:
 
     def verdict(self, data: mujoco.MjData) -> int:
         """Index into `VERDICTS` of what is wrong with the present state, 0 for nothing."""
-        if not np.isfinite(data.qpos).all():
-            return VERDICTS.index("diverged")
-        if data.qpos[2] < FALLEN_M or data.xmat[self._pelvis][8] < UPRIGHT:
-            return VERDICTS.index("fall")
-        apart = np.linalg.norm(data.qpos[27:30] - data.site_xpos[self._hands].mean(axis=0))
-        if apart > LOST_M:
-            return VERDICTS.index("drop")
-        if self._hits:
-            for name, verdict in zip(builder.HIT_SENSORS, ("robot_collision", "object_collision"), strict=True):
-                if data.sensor(name).data[0] > 0:
-                    return VERDICTS.index(verdict)
-        return 0
+        failed = self._judge.failure(data) or self._judge.collision(data)
+        return VERDICTS.index("diverged" if failed == "unstable" else failed or "fit")

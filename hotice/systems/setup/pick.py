@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.control.pick_plan import Support
-from hotice.control.pickup import Pickup
-from hotice.control.pickup.end_state import end_state
+from hotice.control.pickup.controller import Pickup
+from hotice.control.pickup.end_state import carry_at_end
 from hotice.control.pickup.footwork import Departure
 from hotice.errors import PickInfeasible
 from hotice.model import g1
@@ -64,7 +64,7 @@ def plan_pick(config: StationConfig, scene: Scene, departure: Departure | None) 
             quat_mul(turn, upright),
         ]
     )
-    return PickSetting(controller=controller, carry=end_state(controller), origin=origin, qpos=qpos)
+    return PickSetting(controller=controller, carry=carry_at_end(controller), origin=origin, qpos=qpos)
 
 
 def _out_of_reach(config: StationConfig, why: PickInfeasible) -> PickInfeasible:

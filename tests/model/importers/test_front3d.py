@@ -13,7 +13,7 @@ from hotice.model.generate.traversable import check_traversable
 from hotice.model.geometry.extents import extent
 from hotice.model.geometry.shapes import BoxShape, MeshShape
 from hotice.model.importers.front3d import Front3dReport, House, PlacedMesh, load_house
-from hotice.model.importers.front3d_scenes import (
+from hotice.model.importers.house_scenes import (
     Front3dConfig,
     SolidHouse,
     crop_house,
@@ -24,7 +24,7 @@ from hotice.model.importers.front3d_scenes import (
 )
 from hotice.model.importers.polygons import triangulated
 from hotice.model.importers.solids import MAX_BODIES, SHEET_M, VOXEL_M, solidify
-from tests.model import front3d_fixture as fixture
+from tests.model.importers import front3d_fixture as fixture
 
 HOUSE, MODELS = fixture.FOLDER / "house.json", fixture.FOLDER / "models"
 
