@@ -14,6 +14,7 @@ from torch import Tensor
 
 from hotice import checks
 from hotice.fields.bank import FieldBank
+from hotice.model import g1
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim.carry_bank import CarryBank
@@ -157,8 +158,8 @@ class TransportEnv:
             self.policy_table.columns(KNOWN_ROWS).to(self.device),
             self.layout.chains,
         )
-        scale = torch.full((20,), cfg.leg_scale_rad, device=self.device)
-        scale[12:] = cfg.arm_scale_rad
+        scale = torch.full((g1.ACTIONS,), cfg.leg_scale_rad, device=self.device)
+        scale[g1.UPPER] = cfg.arm_scale_rad
         self.action_scale = scale
         self.unstable = 0
         self.restarts = True

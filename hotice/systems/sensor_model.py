@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from hotice.model.frames import quat_from_axis_angle, quat_to_mat
+from hotice.model import g1
+from hotice.model.frames import quat_from_axis_angle, quat_to_mat, rotation_z
 from hotice.model.objects import CarriedObject
 from hotice.policy.percept import Percept, PerceptModel
 from hotice.systems.signals import NQ, PERCEPT, ROBOT_STATE
@@ -143,8 +144,7 @@ def _attitude(yaw: float, down_P: Array) -> Array:
             [along, across, up],
         ]
     )
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ R_YP
+    return rotation_z(yaw) @ R_YP
 
 
 class SensorModel(LeafSystem):
@@ -174,7 +174,7 @@ class SensorModel(LeafSystem):
     ) -> None:
         super().__init__()
         self.config, self._dt_s = config, control_dt_s
-        self._offset = np.zeros(20) if joint_offset is None else joint_offset
+        self._offset = np.zeros(g1.ACTIONS) if joint_offset is None else joint_offset
         self._exact = config.exact and not self._offset.any()
         self._true = PerceptModel(carried)
         self._world_aligned = carried.keypoints_world_aligned

@@ -8,8 +8,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.model import g1
 from hotice.systems.setup.setup import StationSetup
-from hotice.systems.signals import JOINT_POS, JOINT_VEL, NQ
+from hotice.systems.signals import (
+    JOINT_POS,
+    JOINT_VEL,
+    OBJECT_POS,
+    OBJECT_QUAT,
+    OBJECT_RATE,
+    OBJECT_VEL,
+    ROOT_RATE,
+    ROOT_VEL,
+)
 from hotice.task import rules
 from hotice.task.judge import Judge
 
@@ -27,8 +37,9 @@ class RehearsalStage:
 
     def start(self, state: Array, push_m_s: float) -> tuple[Array, Array]:
         """Configuration (34,) and velocity (32,) of a robot state (84,), its root pushed to the left."""
-        qpos = np.concatenate([state[:7], state[JOINT_POS], state[36:43]])
-        qvel = np.concatenate([state[NQ : NQ + 6], state[JOINT_VEL], state[NQ + 35 :]])
+        root = (g1.ROOT_POS, g1.ROOT_QUAT)
+        qpos = np.concatenate([state[part] for part in (*root, JOINT_POS, OBJECT_POS, OBJECT_QUAT)])
+        qvel = np.concatenate([state[part] for part in (ROOT_VEL, ROOT_RATE, JOINT_VEL, OBJECT_VEL, OBJECT_RATE)])
         yaw = 2.0 * math.atan2(state[6], state[3])
         qvel[:2] += push_m_s * np.array([-math.sin(yaw), math.cos(yaw)])
         return qpos, qvel
