@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from hotice.errors import InputError, OutputError
@@ -31,24 +33,37 @@ def read_bytes(path: str | Path, max_bytes: int) -> bytes:
         raise InputError(f"{str(path)!r}: cannot be read: {error}") from None
 
 
-def write_bytes(path: str | Path, content: bytes) -> Path:
-    """Writes `content` aside in the same folder, then moves it to `path`; a file that was there stays until then.
+@contextmanager
+def written_aside(path: str | Path) -> Iterator[Path]:
+    """A hidden file in the same folder and with the same ending, to be written within the context.
+
+    At its end the file moves to `path`; after an error it is removed, and what was at `path` stays.
 
     Raises:
-        OutputError: the folder is missing or not writable, or `path` is a folder.
+        OutputError: the folder is missing or not writable, `path` is a folder, or writing failed.
     """
     path = Path(path)
-    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    aside = path.with_name(f".{os.getpid()}.{path.name}")
     try:
         try:
-            aside.write_bytes(content)
+            yield aside
             os.replace(aside, path)
         except BaseException:
             aside.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
-    return path
+
+
+def write_bytes(path: str | Path, content: bytes) -> Path:
+    """Writes `content` aside in the same folder, then moves it to `path`; a file that was there stays until then.
+
+    Raises:
+        OutputError: the folder is missing or not writable, or `path` is a folder.
+    """
+    with written_aside(path) as aside:
+        aside.write_bytes(content)
+    return Path(path)
 
 
 def write_text(path: str | Path, content: str) -> Path:

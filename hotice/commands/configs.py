@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
@@ -10,6 +9,8 @@ from typing import Annotated, Literal, get_type_hints
 
 import tyro
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.commands.recipes import ReproduceConfig
 from hotice.errors import InvalidConfig
 from hotice.evaluate.config import EvaluateConfig
@@ -77,16 +78,14 @@ class PlayConfig:
     """Lists failures before successes, by cause; otherwise scene by scene."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.seconds) and 0.0 < self.seconds <= 120.0):
-            raise InvalidConfig(f"seconds is {self.seconds!r}: above 0 and at most 120 are allowed")
+        checks.number("seconds", self.seconds, Range(above=0, most=120))
         if self.out.suffix == ".png":
             raise InvalidConfig(
                 f"out is {str(self.out)!r}: the picture goes there, give the page another ending (.html)"
             )
         if self.video is not None and self.video.suffix != ".mp4":
             raise InvalidConfig(f"video is {str(self.video)!r}: a film is an .mp4 file")
-        if self.video_of < 1:
-            raise InvalidConfig(f"video_of is {self.video_of!r}: the list begins with 1")
+        checks.whole("video_of", self.video_of, Range(least=1, note="a place in the list"))
         if self.video is None and self.video_of != 1:
             raise InvalidConfig(f"video_of is {self.video_of!r}: nothing is filmed, give the film's file as video")
         if self.protocol is not None and self.controller != "policy":
@@ -96,10 +95,8 @@ class PlayConfig:
             )
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
-        if not 1 <= self.rollouts <= 100:
-            raise InvalidConfig(f"rollouts is {self.rollouts!r}: 1 to 100 are allowed")
-        if not 0 <= self.seed < 2**63:
-            raise InvalidConfig(f"seed is {self.seed!r}: 0 to 2^63 - 1 is needed")
+        checks.whole("rollouts", self.rollouts, Range(least=1, most=100))
+        checks.whole("seed", self.seed, checks.INT64)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,10 +113,8 @@ class PipelineConfig:
     """Ray cluster: its address, or "auto" for the one that this machine belongs to; none: processes of this machine."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.workers <= 1024:
-            raise InvalidConfig(f"workers is {self.workers!r}: 1 to 1024 are allowed")
-        if not 0 <= self.retries <= 1000:
-            raise InvalidConfig(f"retries is {self.retries!r}: 0 to 1000 are allowed")
+        checks.whole("workers", self.workers, Range(least=1, most=1024))
+        checks.whole("retries", self.retries, Range(least=0, most=1000))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,9 +148,8 @@ class BenchmarkConfig:
     """Report file (JSON)."""
 
     def __post_init__(self) -> None:
-        for name, least in (("steps", BENCHMARK_BLOCK), ("updates", 1), ("threads", 1)):
-            if getattr(self, name) < least:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least {least} is needed")
+        checks.whole("steps", self.steps, Range(least=BENCHMARK_BLOCK))
+        checks.wholes(self, checks.COUNT, "updates", "threads")
         if not self.num_envs:
             raise InvalidConfig("num_envs is empty: at least one number of environments is needed")
         for num_envs in self.num_envs:

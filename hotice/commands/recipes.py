@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from hotice import checks
 from hotice.commands.paper_tables import TABLES
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.task.config import PRESETS
@@ -83,9 +84,7 @@ class ReproduceConfig:
     """Unseen scenes."""
 
     def __post_init__(self) -> None:
-        for name in ("rollouts", "updates", "num_envs", "seed", "threads"):
-            if not 0 <= getattr(self, name) < 2**63:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
+        checks.wholes(self, checks.INT64, "rollouts", "updates", "num_envs", "seed", "threads")
         self.given()
 
     def given(self) -> dict[str, str]:

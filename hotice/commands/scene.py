@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.commands.help_text import unbroken_help
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable
@@ -55,8 +57,7 @@ class ShowConfig:
     """Draw the robot where it starts."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.port < 65536:
-            raise InvalidConfig(f"port is {self.port!r}: 0 to 65535 are allowed")
+        checks.whole("port", self.port, Range(least=0, most=65535))
 
 
 @dataclass(frozen=True, kw_only=True)

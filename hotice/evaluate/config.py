@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.referees import REFEREES, check_referees
@@ -65,14 +67,10 @@ class EvaluateConfig:
 
     def __post_init__(self) -> None:
         self._check_carrier()
-        if not 0.02 <= self.horizon_s <= LONGEST_S:  # also false for NaN
-            raise InvalidConfig(f"horizon_s is {self.horizon_s!r}: 0.02 (a control step) to {LONGEST_S:g} are allowed")
-        for name in ("rollouts", "batch", "objects"):
-            if getattr(self, name) < 1:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
-        for name in ("seed", "threads"):
-            if not 0 <= getattr(self, name) < 2**63:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: 0 to 2^63 - 1 is needed")
+        horizon = Range(least=0.02, most=LONGEST_S, unit="s", note="0.02: a control step")
+        checks.number("horizon_s", self.horizon_s, horizon)
+        checks.wholes(self, checks.COUNT, "rollouts", "batch", "objects")
+        checks.wholes(self, checks.INT64, "seed", "threads")
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
         check_referees(self.referees)

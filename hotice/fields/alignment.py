@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hotice.arrays import namespace
+from hotice.arrays import clip, namespace
 
 ENCODE_SCALE = 0.6
 """|F| at which the encoded magnitude is tanh(1) = 0.76 [m/s]: a unit of the observation, fixed for all policies; the
@@ -36,7 +36,7 @@ def encode(force: Any, scale: float = ENCODE_SCALE, eps: float = 1e-6) -> Any:
 
 def observed(force_Y: Any, distance_m: Any) -> Any:
     """What a policy reads of a field at points: `encode` and the clipped distance, (..., 3), (...) -> (..., 5)."""
-    away = DISTANCE_SCALE * distance_m.clip(*CLIP_M)[..., None]
+    away = DISTANCE_SCALE * clip(distance_m, *CLIP_M)[..., None]
     return namespace(force_Y).concat([encode(force_Y), away], -1)
 
 

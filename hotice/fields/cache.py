@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hotice.errors import OutputError
 from hotice.fields.grid import Grid
 from hotice.fields.volumes import NODE_BYTES, SceneNodes, Volumes, arrange
-from hotice.files import make_folder, write_bytes
+from hotice.files import make_folder, write_bytes, written_aside
 from hotice.model.geometry.shapes import MeshShape
 from hotice.model.scene import Scene
 
@@ -101,7 +101,6 @@ def _bank_path(folder: Path, keys: list[str]) -> Path:
 
 
 def _write_bank(path: Path, folder: Path, keys: list[str]) -> None:
-    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     scenes = []
     for key in keys:
         scene = load(folder, key)
@@ -109,17 +108,11 @@ def _write_bank(path: Path, folder: Path, keys: list[str]) -> None:
             raise OutputError(f"{folder / key}.field vanished while the bank was built: build it again")
         scenes.append(scene)
     grids, steps = [s[0] for s in scenes], [s[1] for s in scenes]
-    try:
-        with aside.open("wb") as file:
-            file.write(_header(grids, steps, sum(len(s[2]) for s in scenes), 0))
-            for low, high in ((0, 4), (4, 12), (12, 20)):
-                for grid, _, raw in scenes:
-                    file.write(raw[low * grid.size : high * grid.size].data)
-        os.replace(aside, path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
-    finally:
-        aside.unlink(missing_ok=True)
+    with written_aside(path) as aside, aside.open("wb") as file:
+        file.write(_header(grids, steps, sum(len(s[2]) for s in scenes), 0))
+        for low, high in ((0, 4), (4, 12), (12, 20)):
+            for grid, _, raw in scenes:
+                file.write(raw[low * grid.size : high * grid.size].data)
 
 
 def _header(grids: list[Grid], steps: list[tuple[float, ...]], length: int, crc: int) -> bytes:

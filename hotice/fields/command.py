@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hotice.arrays import length, namespace
+from hotice.arrays import clip, length, namespace
 
 NEAR_M = 0.4
 """Closer to the goal than this, the command turns straight to it."""
@@ -27,15 +27,15 @@ def navigation_command(
         attraction: eta of that field, to which longer vectors are cut [m/s].
         speed_m_s: walking speed far from the goal. stop_gain_hz: speed per distance near it.
     """
-    c_W = (force_W * (attraction / length(force_W).clip(attraction, None))[..., None]).sum(-2) / force_W.shape[-2]
+    c_W = (force_W * (attraction / clip(length(force_W), attraction))[..., None]).sum(-2) / force_W.shape[-2]
     distance = length(offset_W)
-    speed = (stop_gain_hz * distance).clip(None, speed_m_s)
+    speed = clip(stop_gain_hz * distance, None, speed_m_s)
     # close by, straight at the goal: feet and head disagree
-    near = (1.0 - distance / NEAR_M).clip(0.0, 1.0)[..., None]
-    straight = offset_W / distance.clip(1e-6, None)[..., None]
-    along = c_W[..., :2] / length(c_W[..., :2]).clip(1e-6, None)[..., None]
+    near = clip(1.0 - distance / NEAR_M, 0.0)[..., None]
+    straight = offset_W / clip(distance, 1e-6)[..., None]
+    along = c_W[..., :2] / clip(length(c_W[..., :2]), 1e-6)[..., None]
     blend = (1.0 - near) * along + near * straight
-    horizontal = blend / length(blend).clip(1e-12, None)[..., None] * speed[..., None]
+    horizontal = blend / clip(length(blend), 1e-12)[..., None] * speed[..., None]
     vertical = c_W[..., 2:] * (speed / speed_m_s)[..., None]
     return namespace(c_W).concat([horizontal, vertical], -1), speed
 
@@ -49,4 +49,4 @@ def heading_error(c_W: Any, speed: Any, yaw: Any, speed_m_s: float) -> Any:
     """
     xp = namespace(c_W)
     error = xp.atan2(c_W[..., 1], c_W[..., 0]) - yaw
-    return xp.atan2(xp.sin(error), xp.cos(error)) * (2.0 * speed / speed_m_s - 0.5).clip(0.0, 1.0)
+    return xp.atan2(xp.sin(error), xp.cos(error)) * clip(2.0 * speed / speed_m_s - 0.5, 0.0, 1.0)

@@ -6,12 +6,12 @@ Values sit at cell centres, `p_W = origin + index * resolution` with `origin = b
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice import checks
 from hotice.errors import InvalidConfig
 from hotice.model.scene import MAX_GRID_NODES, Scene
 
@@ -27,9 +27,7 @@ class Grid:
     @classmethod
     def of(cls, scene: Scene, resolution_m: float) -> Grid:
         """The grid over the scene's bounds. Raises `InvalidConfig` for an impossible resolution."""
-        h = resolution_m
-        if isinstance(h, bool) or not isinstance(h, int | float) or not (math.isfinite(h) and h > 0):
-            raise InvalidConfig(f"resolution_m is {h!r}: a finite number above 0 is needed")
+        h = checks.number("resolution_m", resolution_m, checks.POSITIVE)
         low, high = np.array(scene.bounds_m)
         cells = np.floor((high - low) / h + 0.5)
         if cells.min() < 3 or cells.prod() > MAX_GRID_NODES:
@@ -38,7 +36,7 @@ class Grid:
                 f"at least 3 along each axis and at most {MAX_GRID_NODES:,} in all are allowed"
             )
         nx, ny, nz = (int(c) for c in cells)
-        return cls(low + 0.5 * h, (nx, ny, nz), float(h))
+        return cls(low + 0.5 * h, (nx, ny, nz), h)
 
     @property
     def size(self) -> int:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidConfig
+from hotice import checks
+from hotice.checks import Range
 from hotice.fields.grid import Grid
 from hotice.fields.potential import FieldParams, u_rep
 from hotice.fields.reachability import joins_start
@@ -146,9 +147,7 @@ class HodPf:
 
 def check_margin(margin_m: object) -> float:
     """The margin as a float, or `InvalidConfig`."""
-    if isinstance(margin_m, bool) or not isinstance(margin_m, int | float) or not 0.0 <= margin_m <= MAX_MARGIN_M:
-        raise InvalidConfig(f"margin_m is {margin_m!r}: a number of 0 to {MAX_MARGIN_M:g} m is needed")
-    return float(margin_m)
+    return checks.number("margin_m", margin_m, Range(least=0, most=MAX_MARGIN_M, unit="m"))
 
 
 def build_hod_pf(

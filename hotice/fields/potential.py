@@ -6,11 +6,11 @@ inside obstacles included: the force keeps its size at `s_min` and points along 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.compiled import compiled
-from hotice.errors import InvalidConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,14 +27,9 @@ class FieldParams:
     """s_min: distances below count as this one in the repulsive force [m] (ours)."""
 
     def __post_init__(self) -> None:
-        for key, value in vars(self).items():
-            if not (math.isfinite(value) and value > 0):
-                raise InvalidConfig(f"field parameter {key} is {value!r}: a finite number above 0 is needed")
-        if self.nearest_distance_m >= self.influence_distance_m:
-            raise InvalidConfig(
-                f"nearest_distance_m {self.nearest_distance_m} must be below influence_distance_m "
-                f"{self.influence_distance_m}"
-            )
+        checks.numbers(self, checks.POSITIVE)
+        nearest = Range(above=0, below=self.influence_distance_m, unit="m", note="influence_distance_m")
+        checks.number("nearest_distance_m", self.nearest_distance_m, nearest)
 
     def letters(self) -> tuple[float, float, float, float]:
         """(d0, eta, xi, s_min), the paper's symbols in the order that the kernels take them."""

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig
 from hotice.fields.hod_pf import HodPf
 from hotice.model.scene import Scene
@@ -125,8 +127,7 @@ _Box = tuple[tuple[float, ...], tuple[int, ...], float]
 def _shared_box(a: Scene, b: Scene, finer_m: float, resolution_m: float | None) -> _Box:
     """What both scenes' bounds share, in cells of `resolution_m` or else `finer_m`."""
     h = finer_m if resolution_m is None else resolution_m
-    if not 0.01 <= h <= 1.0:
-        raise InvalidConfig(f"resolution_m is {h!r}: 0.01 to 1 m is needed to compare scenes")
+    checks.number("resolution_m", h, Range(least=0.01, most=1, unit="m", note="to compare scenes"))
     (a_low, a_high), (b_low, b_high) = np.array(a.bounds_m), np.array(b.bounds_m)
     low = np.maximum(a_low, b_low)
     cells = np.floor((np.minimum(a_high, b_high) - low) / h + 0.5).astype(int)

@@ -14,7 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import CarryInfeasible, InvalidConfig
+from hotice import checks
+from hotice.checks import Range
+from hotice.errors import CarryInfeasible
 from hotice.model import builder, g1, self_contact
 from hotice.model.frames import quat_from_axis_angle
 from hotice.model.least_squares import minimize
@@ -45,12 +47,8 @@ class Posture:
     lean_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.40 <= self.pelvis_height_m <= 0.785:
-            raise InvalidConfig(
-                f"pelvis_height_m is {self.pelvis_height_m!r}: allowed are 0.40 (squat) to 0.785 (upright)"
-            )
-        if not -0.2 <= self.lean_rad <= 0.6:
-            raise InvalidConfig(f"lean_rad is {self.lean_rad!r}: allowed are -0.2 (back) to 0.6 (forward)")
+        checks.number("pelvis_height_m", self.pelvis_height_m, Range(least=0.4, most=0.785, note="squat to upright"))
+        checks.number("lean_rad", self.lean_rad, Range(least=-0.2, most=0.6, note="back to forward"))
 
 
 @dataclass(frozen=True, kw_only=True)

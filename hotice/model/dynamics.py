@@ -8,32 +8,19 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
-from typing import Any
 
 import mujoco
 import numpy as np
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig
 from hotice.model import builder, g1
 from hotice.model.joint_friction import set_friction_reference
 
 FRICTIONS = ("sole_friction", "palm_friction", "object_friction")
-MOST_FRICTION = 10.0
-
-
-def _check_range(name: str, value: Any) -> None:
-    if value is None:
-        return
-    pair = isinstance(value, tuple | list) and len(value) == 2
-    if not (
-        pair
-        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
-        and 0 < value[0] <= value[1] <= MOST_FRICTION  # also false for NaN
-    ):
-        raise InvalidConfig(
-            f"{name} is {value!r}: None, or a lowest and a highest value above 0 and at most {MOST_FRICTION:g}, "
-            "are needed"
-        )
+FRICTION = Range(above=0, most=10)
+SHARES = ("gain", "mass", "motor_strength", "payload")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,16 +61,12 @@ class DynamicsConfig:
     """Mass and inertia of the carried object beside what the carry state assumes, as a share of it (ours: ± 0.1)."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name in FRICTIONS:
-                _check_range(name, value)
+        checks.numbers(self, checks.NOT_NEGATIVE, but=(*FRICTIONS, *SHARES))
+        checks.numbers(self, Range(least=0, below=1), *SHARES)
+        for name in FRICTIONS:
+            if getattr(self, name) is not None:
                 # of a file: a list
-                object.__setattr__(self, name, value if value is None else tuple(float(v) for v in value))
-            elif not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
-        for name in ("gain", "mass", "motor_strength", "payload"):
-            if getattr(self, name) >= 1:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a share below 1 is needed")
+                object.__setattr__(self, name, checks.interval(name, getattr(self, name), FRICTION))
 
     @property
     def nominal(self) -> bool:

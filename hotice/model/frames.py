@@ -17,7 +17,7 @@ __all__ = [
     "yaw_from_quat",
 ]
 
-Array = NDArray[np.floating]
+Array = NDArray[np.float64]
 
 
 def normalize(v: ArrayLike, eps: float = 1e-12) -> Array:

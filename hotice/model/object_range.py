@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hotice import checks
 from hotice.errors import InvalidObject
 from hotice.model.objects import Box, CarriedObject, Cylinder, Sphere
 
@@ -26,14 +27,10 @@ class ObjectRange:
     """Lightest and heaviest [kg] (paper: at most 3.5)."""
 
     def __post_init__(self) -> None:
-        unknown = [s for s in self.shapes if s not in SHAPES]
-        if unknown or not self.shapes:
-            raise InvalidObject(f"unknown object shape {(unknown or [''])[0]!r}: known are {', '.join(SHAPES)}")
-        for what, (low, high) in (("size_m", self.size_m), ("mass_kg", self.mass_kg)):
-            if not (np.isfinite([low, high]).all() and 0 < low <= high):
-                raise InvalidObject(
-                    f"object {what} range {low} .. {high}: finite, positive and rising numbers are needed"
-                )
+        for shape in self.shapes or ("",):
+            checks.one_of("object shape", shape, SHAPES, InvalidObject)
+        for name in ("size_m", "mass_kg"):
+            checks.interval(f"object {name}", getattr(self, name), checks.POSITIVE, InvalidObject)
 
     def sample(self, rng: np.random.Generator) -> CarriedObject:
         """One object, drawn with `rng`."""

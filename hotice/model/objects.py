@@ -14,24 +14,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice import checks
 from hotice.errors import InvalidObject
 
 ShapeName = Literal["box", "cylinder", "sphere"]
 OCTANTS: NDArray[np.float64] = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 """(8, 3) signs of the corners, z fastest."""
-
-
-def positive(owner: str, key: str, value: object) -> float:
-    """A finite number above zero, or `InvalidObject` naming `owner` and `key`."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise InvalidObject(f"{owner}: {key} is {value!r}: a number above 0 is needed")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not (math.isfinite(number) and number > 0.0):
-        raise InvalidObject(f"{owner}: {key} is {number!r}: a finite number above 0 is needed")
-    return number
 
 
 class _Carried:
@@ -43,7 +31,8 @@ class _Carried:
 
     def _check(self, *lengths: str) -> None:
         for key in (*lengths, "mass_kg"):
-            object.__setattr__(self, key, positive(self.shape, key, getattr(self, key)))
+            value = checks.number(f"{self.shape}: {key}", getattr(self, key), checks.POSITIVE, InvalidObject)
+            object.__setattr__(self, key, value)
 
 
 @dataclass(frozen=True)
@@ -55,13 +44,8 @@ class Box(_Carried):
     shape: ClassVar[ShapeName] = "box"
 
     def __post_init__(self) -> None:
-        try:
-            size = tuple(self.size_m)
-        except TypeError:
-            size = ()
-        if len(size) != 3:
-            raise InvalidObject(f"box: size_m is {self.size_m!r}: three lengths (x, y, z) in metres are needed")
-        object.__setattr__(self, "size_m", tuple(positive("box", f"size_m[{i}]", v) for i, v in enumerate(size)))
+        size = checks.vector("box: size_m", self.size_m, 3, checks.POSITIVE, InvalidObject)
+        object.__setattr__(self, "size_m", size)
         self._check()
 
     def keypoints(self) -> NDArray[np.float64]:
@@ -185,12 +169,8 @@ _KEYS: dict[str, tuple[type, tuple[str, ...]]] = {
 def object_from_dict(data: Mapping[str, Any]) -> CarriedObject:
     """Inverse of `.to_dict()`. Raises `InvalidObject` for an unknown shape or missing, unknown or impossible values."""
     if not isinstance(data, Mapping):
-        raise InvalidObject(f"object is {data!r}: a mapping with shape and sizes is needed")
-    shape = data.get("shape")
-    if not isinstance(shape, str) or shape not in _KEYS:
-        raise InvalidObject(f"unknown object shape {shape!r}: known are {', '.join(_KEYS)}")
+        raise InvalidObject(f"object is {checks.shown(data)}: a mapping with shape and sizes is needed")
+    shape = checks.one_of("object shape", data.get("shape"), _KEYS, InvalidObject)
     kind, keys = _KEYS[shape]
-    if set(data) != {"shape", *keys}:
-        got = ", ".join(str(k) for k in data if k != "shape") or "nothing"
-        raise InvalidObject(f"{shape} object has {got}: exactly {', '.join(keys)} are needed")
+    checks.mapping(f"{shape} object", data, ("shape", *keys), error=InvalidObject)
     return kind(**{key: data[key] for key in keys})

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice import checks
 from hotice.errors import InvalidState
 from hotice.model import g1
 from hotice.model.carry import CarryState
@@ -71,9 +72,7 @@ class RobotState:
             if name == "carried":
                 continue
             size = 29 if name.startswith("joint") else 4 if name.startswith("quat") else 3
-            array = np.asarray(value, dtype=np.float64)
-            if array.shape != (size,) or not np.isfinite(array).all():
-                raise InvalidState(f"{name} has shape {array.shape}: {size} finite numbers are needed")
+            array = checks.array(name, value, size, error=InvalidState)
             if size == 4 and np.linalg.norm(array) < 1e-6:
                 raise InvalidState(f"{name} has length 0: a quaternion w, x, y, z is needed")
             object.__setattr__(self, name, normalize(array) if size == 4 else array)

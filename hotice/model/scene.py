@@ -8,8 +8,6 @@ map the scene was cut from, and where that map lies in W; files without it stay 
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -19,10 +17,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hotice.errors import InputError, InvalidScene, UnknownName
-from hotice.files import read_bytes
+from hotice import checks
+from hotice.checks import shown
+from hotice.errors import InputError, InvalidScene, OutputError, UnknownName
+from hotice.files import read_bytes, write_bytes
 from hotice.model.frames import quat_to_mat
-from hotice.model.geometry.shapes import MeshShape, Shape, check_keys, number, shape_from_dict, shown, vector
+from hotice.model.geometry.lengths import COORDINATE
+from hotice.model.geometry.shapes import MeshShape, Shape, shape_from_dict
 from hotice.model.source import MapSource
 
 FORMAT = "hotice-scene/1"
@@ -53,22 +54,14 @@ class Obstacle:
     def __post_init__(self) -> None:
         _check_name("obstacle", self.name)
         where = f"obstacle {self.name!r}"
-        if self.category not in CATEGORIES:
-            raise InvalidScene(
-                f"{where} has unknown category {shown(self.category)}: known are {', '.join(CATEGORIES)}"
-            )
+        checks.one_of(f"{where} category", self.category, CATEGORIES, InvalidScene)
         if not isinstance(self.shape, Shape):
             raise InvalidScene(
                 f"{where} has shape {shown(self.shape)}: a shape of hotice.model.geometry.shapes is needed"
             )
-        object.__setattr__(self, "position_m", vector(f"{where} position_m", self.position_m, 3))
-        quat = np.array(vector(f"{where} quaternion_wxyz", self.quaternion_wxyz, 4))
-        norm = float(np.linalg.norm(quat))
-        if abs(norm - 1.0) > 1e-3:
-            raise InvalidScene(f"{where} quaternion_wxyz has length {norm:.4g}: a unit quaternion w, x, y, z is needed")
-        if abs(norm - 1.0) > 1e-12:
-            quat = quat / norm
-        object.__setattr__(self, "quaternion_wxyz", tuple(quat.tolist()))
+        object.__setattr__(self, "position_m", _coordinates(f"{where} position_m", self.position_m, 3))
+        quat = checks.unit_quaternion(f"{where} quaternion_wxyz", self.quaternion_wxyz, InvalidScene)
+        object.__setattr__(self, "quaternion_wxyz", quat)
 
     def signed_distance(self, p_W: ArrayLike) -> NDArray[np.float64]:
         """Exact, (..., 3) in W [m] -> (...) [m], negative inside."""
@@ -113,10 +106,10 @@ class Scene:
             raise InvalidScene(
                 f"bounds_m is {shown(self.bounds_m)}: lowest and highest corner, each x, y, z, are needed"
             )
-        low, high = (vector(f"bounds_m[{i}]", b, 3) for i, b in enumerate(self.bounds_m))
+        low, high = (_coordinates(f"bounds_m[{i}]", b, 3) for i, b in enumerate(self.bounds_m))
         object.__setattr__(self, "bounds_m", (low, high))
-        object.__setattr__(self, "start", vector("start", self.start, 3))
-        object.__setattr__(self, "goal", vector("goal", self.goal, 2))
+        object.__setattr__(self, "start", _coordinates("start", self.start, 3))
+        object.__setattr__(self, "goal", _coordinates("goal", self.goal, 2))
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
         if self.source is not None and not isinstance(self.source, MapSource):
             raise InvalidScene(f"source is {shown(self.source)}: a hotice.model.source.MapSource is needed")
@@ -157,14 +150,15 @@ class Scene:
         """Inverse of `to_dict`; mesh files are looked up in `folder`. Raises `InvalidScene`."""
         if isinstance(data, Mapping) and data.get("format") != FORMAT:
             raise InvalidScene(f"scene format is {shown(data.get('format'))}: known is {FORMAT!r}")
-        check_keys("scene", data, ("format", "name", "bounds_m", "start", "goal", "obstacles"), ("source",))
-        check_keys("start", data["start"], ("position_m",), ("yaw_rad",))
-        check_keys("goal", data["goal"], ("position_m",))
+        required = ("format", "name", "bounds_m", "start", "goal", "obstacles")
+        checks.mapping("scene", data, required, ("source",), InvalidScene)
+        checks.mapping("start", data["start"], ("position_m",), ("yaw_rad",), InvalidScene)
+        checks.mapping("goal", data["goal"], ("position_m",), error=InvalidScene)
         if not isinstance(data["obstacles"], list | tuple):
             raise InvalidScene(f"obstacles is {shown(data['obstacles'])}: a list is needed")
-        yaw = number("start yaw_rad", data["start"].get("yaw_rad", 0.0))
-        start = (*vector("start position_m", data["start"]["position_m"], 2), yaw)
-        goal = vector("goal position_m", data["goal"]["position_m"], 2)
+        yaw = checks.number("start yaw_rad", data["start"].get("yaw_rad", 0.0), COORDINATE, InvalidScene)
+        start = (*_coordinates("start position_m", data["start"]["position_m"], 2), yaw)
+        goal = _coordinates("goal position_m", data["goal"]["position_m"], 2)
         base = None if folder is None else Path(folder)
         obstacles = tuple(_obstacle_from_dict(i, entry, base) for i, entry in enumerate(data["obstacles"]))
         source = MapSource.from_dict(data["source"]) if "source" in data else None
@@ -195,13 +189,15 @@ class Scene:
             try:
                 for shape in sorted({o.shape for o in self.obstacles if isinstance(o.shape, MeshShape)}, key=str):
                     written += _copy_mesh(shape, path.parent)
-                _write_aside(path, text.encode())
+                write_bytes(path, text.encode())
             except BaseException:
                 for mesh in written:
                     mesh.unlink(missing_ok=True)
                 raise
+        except OutputError as error:
+            raise InvalidScene(str(error)) from None
         except OSError as error:
-            raise InvalidScene(f"{path}: cannot be written: {error.strerror or error}") from None
+            raise InvalidScene(f"cannot write {path}: {error.strerror or error}") from None
 
     def renamed(self, name: str) -> Scene:
         """The same scene under another name."""
@@ -299,9 +295,13 @@ def _check_clear(scene: Scene) -> None:
                 raise InvalidScene(f"{what} {xy} is inside obstacle {obstacle.name!r} at a height of 0.1 to 1.2 m")
 
 
+def _coordinates(where: str, value: object, length: int) -> tuple[float, ...]:
+    return checks.vector(where, value, length, COORDINATE, InvalidScene)
+
+
 def _obstacle_from_dict(index: int, entry: Any, folder: Path | None) -> Obstacle:
     required = ("name", "category", "shape", "position_m")
-    check_keys(f"obstacles[{index}]", entry, required, ("quaternion_wxyz",))
+    checks.mapping(f"obstacles[{index}]", entry, required, ("quaternion_wxyz",), InvalidScene)
     _check_name(f"obstacles[{index}]", entry["name"])
     try:
         shape = shape_from_dict(entry["shape"], folder)
@@ -343,17 +343,5 @@ def _copy_mesh(shape: MeshShape, folder: Path) -> list[Path]:
             raise InvalidScene(f"{target} exists and is another mesh: save the scene to another folder")
         return []
     target.parent.mkdir(parents=True, exist_ok=True)
-    _write_aside(target, content)
+    write_bytes(target, content)
     return [target]
-
-
-def _write_aside(path: Path, content: bytes) -> None:
-    handle, aside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            os.fchmod(file.fileno(), 0o644)
-        os.replace(aside, path)
-    except BaseException:
-        Path(aside).unlink(missing_ok=True)
-        raise

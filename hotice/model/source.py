@@ -6,7 +6,6 @@ scene.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,12 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hotice import checks
+from hotice.checks import Range, shown
 from hotice.errors import InvalidScene
 from hotice.model.frames import Array, mat_to_quat, quat_mul, quat_rotate
-from hotice.model.geometry.shapes import check_keys, shown
 
 KEYS = ("file", "sha256", "unit_m", "position_m", "quaternion_wxyz")
 FARTHEST_M = 1e9
+UNIT = Range(above=0, most=FARTHEST_M, note="metres per unit of the map")
+POSITION = Range(least=-FARTHEST_M, most=FARTHEST_M)
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
@@ -44,16 +46,11 @@ class MapSource:
             raise InvalidScene(f"source file is {shown(self.file)}: the name of a file, without a folder, is needed")
         if not isinstance(self.sha256, str) or not _SHA256.fullmatch(self.sha256):
             raise InvalidScene(f"source sha256 is {shown(self.sha256)}: 64 lower-case hexadecimal digits are needed")
-        (unit,) = _numbers("unit_m", [self.unit_m], 1)
-        if not unit > 0.0:
-            raise InvalidScene(f"source unit_m is {unit:g}: a number above 0 is needed (metres per unit of the map)")
-        quat = np.array(_numbers("quaternion_wxyz", self.quaternion_wxyz, 4))
-        norm = float(np.linalg.norm(quat))
-        if abs(norm - 1.0) > 1e-3:
-            raise InvalidScene(f"source quaternion_wxyz has length {norm:.4g}: a unit quaternion w, x, y, z is needed")
-        object.__setattr__(self, "unit_m", unit)
-        object.__setattr__(self, "position_m", _numbers("position_m", self.position_m, 3))
-        object.__setattr__(self, "quaternion_wxyz", tuple((quat / norm if abs(norm - 1.0) > 1e-12 else quat).tolist()))
+        object.__setattr__(self, "unit_m", checks.number("source unit_m", self.unit_m, UNIT, InvalidScene))
+        position = checks.vector("source position_m", self.position_m, 3, POSITION, InvalidScene)
+        object.__setattr__(self, "position_m", position)
+        quat = checks.unit_quaternion("source quaternion_wxyz", self.quaternion_wxyz, InvalidScene)
+        object.__setattr__(self, "quaternion_wxyz", quat)
 
     @classmethod
     def of(cls, *, file: str, sha256: str, unit_m: float, R_WM: ArrayLike, position_m: ArrayLike) -> MapSource:
@@ -91,15 +88,5 @@ class MapSource:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> MapSource:
         """Inverse of `to_dict`. Raises `InvalidScene`."""
-        check_keys("source", data, KEYS)
+        checks.mapping("source", data, KEYS, error=InvalidScene)
         return cls(**{key: data[key] for key in KEYS})
-
-
-def _numbers(what: str, value: object, length: int) -> tuple[Any, ...]:
-    if not isinstance(value, list | tuple) or len(value) != length:
-        raise InvalidScene(f"source {what} is {shown(value)}: {length} numbers are needed")
-    for v in value:
-        good = isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= FARTHEST_M and math.isfinite(v)
-        if not good:
-            raise InvalidScene(f"source {what} holds {shown(v)}: finite numbers of at most {FARTHEST_M:g} are needed")
-    return tuple(float(v) for v in value)

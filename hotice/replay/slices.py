@@ -11,6 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.fields.hod_pf import GuidanceField, HodPf
 
@@ -37,8 +39,8 @@ def slice_points(pf: HodPf, plane: str, at_m: float, spacing_m: float) -> NDArra
         raise InvalidConfig(
             f"plane {plane} at {at_m} m misses the scene: {low[normal]:g} .. {high[normal]:g} m is inside"
         )
-    if not 0.0 < spacing_m <= (high - low)[[right, up]].min():
-        raise InvalidConfig(f"spacing_m is {spacing_m!r}: above 0 and at most the scene's extent is needed")
+    extent_m = float((high - low)[[right, up]].min())
+    checks.number("spacing_m", spacing_m, Range(above=0, most=extent_m, unit="m", note="the scene's extent"))
     points = np.empty((*(len(_middles(low[a], high[a], spacing_m)) for a in (up, right)), 3))
     points[..., right] = _middles(low[right], high[right], spacing_m)
     points[..., up] = _middles(low[up], high[up], spacing_m)[:, None]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from hotice.errors import InvalidConfig, OutputError
+from hotice.errors import InvalidConfig
+from hotice.files import written_aside
 from hotice.replay.html import describe
 from hotice.replay.picture import FAILURE_COLOR, OUTCOME_COLORS, draw_frame
 from hotice.replay.rollout import RolloutRecord
@@ -38,8 +38,7 @@ def write_video(record: RolloutRecord, path: str | Path, on_frame: Callable[[int
     if path.suffix != ".mp4":
         raise InvalidConfig(f"{path}: a film is an .mp4 file")
     frames = film_frames(record)
-    aside = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
-    try:
+    with written_aside(path) as aside:
         film = write_frames(str(aside), SIZE_PX, fps=FRAMES_PER_S, quality=7, ffmpeg_log_level="error")
         film.send(None)
         for n, image in enumerate(_images(record, frames), 1):
@@ -47,11 +46,6 @@ def write_video(record: RolloutRecord, path: str | Path, on_frame: Callable[[int
             if on_frame:
                 on_frame(n, len(frames))
         film.close()
-        os.replace(aside, path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
-    finally:
-        aside.unlink(missing_ok=True)
     return path
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from hotice.errors import InvalidConfig
+from hotice import checks
 from hotice.fields.bank import FieldBank
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
@@ -95,8 +95,7 @@ class TransportEnv:
         config: TaskConfig | None = None,
         threads: int = 0,
     ) -> None:
-        if num_envs < 1:
-            raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
+        checks.whole("num_envs", num_envs, checks.COUNT)
         if physics == "mujoco":
             check_memory(num_envs)
         self.config = config or TaskConfig()

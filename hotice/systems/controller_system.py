@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem, State
 
+from hotice import checks
 from hotice.control import Command, Controller, Measurement
 from hotice.errors import InvalidStation
 from hotice.systems.signals import CONTACT_FORCE, JOINT_POS, JOINT_VEL, NQ, ROBOT_STATE
@@ -95,9 +96,7 @@ class ControllerSystem(LeafSystem):
         origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
         super().__init__()
-        rate = float(controller.rate_hz)
-        if not (np.isfinite(rate) and rate > 0):
-            raise InvalidStation(f"the controller's rate_hz is {rate!r}: a finite number above 0 is needed")
+        rate = checks.number("the controller's rate_hz", controller.rate_hz, checks.POSITIVE, InvalidStation)
         self.controller, self.phases, self.origin = controller, tuple(phases), origin
         groups = [self.DeclareDiscreteState(v) for v in (np.asarray(torque, float), [UNKNOWN_PHASE], np.zeros(1))]
         self.DeclareAbstractState(AbstractValue.Make(_Held(None)))

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, LeafSystem, State
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidStation
 from hotice.task.pushes import push_velocity
 
@@ -42,10 +44,8 @@ class Pushes(LeafSystem):
 
     def __init__(self, size_m_s: float, interval_s: float, control_dt_s: float, seed: int = 0) -> None:
         super().__init__()
-        if not interval_s >= control_dt_s > 0:
-            raise InvalidStation(
-                f"interval_s is {interval_s!r}: at least the control period {control_dt_s:g} s is needed"
-            )
+        allowed = Range(least=control_dt_s, unit="s", note="the control period")
+        checks.number("interval_s", interval_s, allowed, InvalidStation)
         self._size, self._chance = size_m_s, control_dt_s / interval_s
         pushed = self.DeclareDiscreteState([0.0, 0.0, NEVER])
         self.DeclareDiscreteState([0.0, float(seed)])

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from hotice import checks
 from hotice.compiled import compiled
-from hotice.errors import InvalidConfig
 from hotice.model import builder, g1
 from hotice.model.carry import CarryState
 from hotice.model.joint_limits import torque_limits
@@ -48,9 +48,7 @@ class SafetyLimits:
     """How far a joint may be pressed beyond its range."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (isinstance(value, int | float) and math.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        checks.numbers(self, checks.NOT_NEGATIVE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

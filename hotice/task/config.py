@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
 from hotice.model.dynamics import DynamicsConfig, student_dynamics
 from hotice.model.object_range import ObjectRange
-from hotice.task.history import LONGEST, is_length
+from hotice.task.history import LENGTHS
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 LOW, UP = "low", "up"
@@ -134,9 +136,10 @@ class TaskConfig:
     """Past control steps of which the actors also read joints, IMU and actions (ours)."""
 
     def __post_init__(self) -> None:
-        positive = (
+        checks.numbers(
+            self,
+            Range(above=0, most=MOST),
             "physics_dt_s",
-            "substeps",
             "episode_s",
             "leg_scale_rad",
             "arm_scale_rad",
@@ -146,14 +149,11 @@ class TaskConfig:
             "goal_radius_m",
             "gait_hz",
             "resolution_m",
-            "carry_states",
             "push_interval_s",
         )
-        for name in positive:
-            value = getattr(self, name)
-            if not 0 < value <= MOST:  # also false for NaN
-                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0, at most {MOST:,}, is needed")
-        for name in (
+        checks.numbers(
+            self,
+            Range(least=0, most=MOST),
             "margin_m",
             "swing_height_m",
             "start_noise_m",
@@ -163,18 +163,14 @@ class TaskConfig:
             "push_m_s",
             "tolerance_m",
             "goal_stay_s",
-        ):
-            value = getattr(self, name)
-            if not 0 <= value <= MOST:
-                raise InvalidConfig(f"{name} is {value!r}: a finite number from 0 to {MOST:,} is needed")
+        )
+        checks.wholes(self, Range(least=1, most=MOST), "substeps", "carry_states")
         if self.max_steps < 1:
             raise InvalidConfig(
                 f"episode_s is {self.episode_s!r}: at least a control step, {self.control_dt_s:g} s, is needed"
             )
-        if not is_length(self.history):
-            raise InvalidConfig(f"history is {self.history!r}: a whole number from 0 to {LONGEST} is needed")
-        if not 0.0 <= self.anywhere <= 1.0:
-            raise InvalidConfig(f"anywhere is {self.anywhere!r}: a share between 0 and 1 is needed")
+        checks.whole("history", self.history, LENGTHS)
+        checks.number("anywhere", self.anywhere, checks.SHARE)
 
     @property
     def control_dt_s(self) -> float:

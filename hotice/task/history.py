@@ -6,14 +6,12 @@ the robot moves over the floor; a few of them do. Torch-free: training and deplo
 
 from __future__ import annotations
 
+from hotice.checks import Range
+
 ROWS = (("gyro", 3), ("gravity", 3), ("joint_pos", 20), ("joint_vel", 20), ("last_action", 20))
 """Rows of the observation that are kept, and their widths: a frame."""
 FRAME = sum(width for _, width in ROWS)
 """Numbers of a frame, one control step."""
 LONGEST = 50
 """Most control steps that can be kept: one second."""
-
-
-def is_length(steps: object) -> bool:
-    """Whether so many control steps can be kept: a whole number from 0 to `LONGEST`."""
-    return type(steps) is int and 0 <= steps <= LONGEST
+LENGTHS = Range(least=0, most=LONGEST)

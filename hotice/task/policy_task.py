@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice import checks
 from hotice.errors import CheckpointError
 from hotice.model import g1
-from hotice.task.history import LONGEST, is_length
+from hotice.task.history import LENGTHS
 
 OBJECT_FIELDS = {"dual_hodpf": "ogf", "single_hodpf": "ogf", "dual_sgf": "sgf", "single_sgf": "sgf"}
 """Which field hands and object read, by preset (`hotice.task.config.PRESETS`)."""
@@ -39,24 +40,17 @@ class PolicyTask:
     def from_meta(cls, meta: Mapping[str, Any], name: str = "policy") -> PolicyTask:
         """From the description in a policy file. Raises `CheckpointError` naming what is missing or impossible."""
         preset, task = meta.get("preset"), meta.get("task")
-        if preset not in OBJECT_FIELDS:
-            raise CheckpointError(f"{name}: preset is {preset!r}: known are {', '.join(OBJECT_FIELDS)}")
-        scan = task.get("scan", False) if isinstance(task, Mapping) else False
-        if not isinstance(scan, bool):
-            raise CheckpointError(f"{name}: task constant scan is {scan!r}: true or false is needed")
-        past = task.get("history", 0) if isinstance(task, Mapping) else 0
-        if not is_length(past):
-            raise CheckpointError(
-                f"{name}: task constant history is {past!r}: a whole number from 0 to {LONGEST} is needed"
-            )
-        values: dict[str, Any] = {"object_field": OBJECT_FIELDS[preset], "scan": scan, "history": past}
+        preset = checks.one_of(f"{name}: preset", preset, OBJECT_FIELDS, CheckpointError)
+        task = task if isinstance(task, Mapping) else {}
+        where = f"{name}: task constant"
+        values: dict[str, Any] = {
+            "object_field": OBJECT_FIELDS[preset],
+            "scan": checks.flag(f"{where} scan", task.get("scan", False), CheckpointError),
+            "history": checks.whole(f"{where} history", task.get("history", 0), LENGTHS, CheckpointError),
+        }
         for key in (f.name for f in fields(cls) if f.name not in values):
-            value = task.get(key) if isinstance(task, Mapping) else None
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
-                raise CheckpointError(
-                    f"{name}: task constant {key} is {value!r}: a finite number of at least 0 is needed"
-                )
-            values[key] = value
+            checks.number(f"{where} {key}", task.get(key), checks.NOT_NEGATIVE, CheckpointError)
+            values[key] = task[key]
         return cls(**values)
 
     @property

@@ -48,7 +48,7 @@ def scan_points(feet_W: Any, p_WP: Any, yaw: Any) -> Any:
     origins = xp.concat([feet_W[..., :2], p_WP[..., None, :2]], -2)
     heading = xp.stack([xp.cos(yaw), xp.sin(yaw)], -1)
     across = origins[..., ORIGIN, :] + heading[..., None, :] * offsets[:, :1]
-    return xp.concat([across, xp.broadcast_to(offsets[:, 1:], (*across.shape[:-1], 1))], -1)
+    return xp.concat([across, offsets[:, 1:] + xp.zeros_like(across[..., :1])], -1)
 
 
 def nearness(distance_m):

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from hotice.errors import InvalidConfig
+from hotice import checks
+from hotice.checks import Range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,11 +45,9 @@ class SensingConfig:
     """Longest delay of what is measured, drawn for each episode in control steps (ours: 1)."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
-        if self.sensor_delay_steps not in (0, 1):
-            raise InvalidConfig(f"sensor_delay_steps is {self.sensor_delay_steps!r}: 0 or 1 is allowed")
+        checks.numbers(self, checks.NOT_NEGATIVE, but=("root_tracking",))
+        checks.flag("root_tracking", self.root_tracking)
+        checks.whole("sensor_delay_steps", self.sensor_delay_steps, Range(least=0, most=1))
 
     @property
     def exact(self) -> bool:

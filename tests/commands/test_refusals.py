@@ -55,7 +55,7 @@ def test_a_device_that_is_no_device():
 
 
 def test_numbers_of_environments_are_told_apart():
-    with pytest.raises(InvalidConfig, match="num_envs is 0: at least 1"):
+    with pytest.raises(InvalidConfig, match="num_envs is 0: a whole number of at least 1"):
         TrainConfig(num_envs=0)
     with pytest.raises(InvalidConfig, match="3 environments x 24 steps do not divide into 5 minibatches: change one"):
         TrainConfig(num_envs=3, ppo=PpoConfig(steps=24, minibatches=5))
@@ -63,7 +63,7 @@ def test_numbers_of_environments_are_told_apart():
 
 @pytest.mark.parametrize("name, value, least", [("steps", 9, 10), ("updates", 0, 1), ("threads", 0, 1)])
 def test_benchmark_names_the_number(name, value, least):
-    with pytest.raises(InvalidConfig, match=f"{name} is {value}: at least {least}"):
+    with pytest.raises(InvalidConfig, match=f"{name} is {value}: a whole number of at least {least}"):
         BenchmarkConfig(**{name: value})
 
 

@@ -278,7 +278,7 @@ def test_plans_are_kept_by_content_of_the_task(planner, plan):
 @pytest.mark.parametrize(
     "place, why",
     [
-        ([0.39, 0.02, np.nan], "p_GO has shape"),
+        ([0.39, 0.02, np.nan], "p_GO holds numbers that are not finite"),
         ([1.4, 0.0, 0.66], "x 1.40.*cannot be grasped standing; stand nearer.*is violated by"),
         ([0.39, 0.6, 0.66], "y 0.60.*cannot be grasped standing"),
     ],

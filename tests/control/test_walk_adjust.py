@@ -105,5 +105,5 @@ def test_equal_questions_have_equal_answers():
 def test_bad_numbers_are_refused():
     with pytest.raises(InvalidConfig, match="offset_weight"):
         AdjustConfig(offset_weight=0.0)
-    with pytest.raises(InvalidConfig, match="least must be below most"):
+    with pytest.raises(InvalidConfig, match="the lowest number, then the highest"):
         AdjustConfig(forward_m=(0.3, 0.1))

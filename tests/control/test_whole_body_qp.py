@@ -327,7 +327,7 @@ def test_bad_parameters_say_so():
         QpConfig(foot_friction=-1.0)
     with pytest.raises(InvalidConfig, match="at most 1"):
         QpConfig(torque_share=1.5)
-    with pytest.raises(InvalidConfig, match="6 finite angles"):
+    with pytest.raises(InvalidConfig, match="g1.WRIST_JOINTS.*6 finite numbers"):
         robot_model([0.0, np.nan, 0, 0, 0, 0])
     with pytest.raises(UnknownName, match="left_hand"):
         Targets().gain_frame("nose", 1.0, 1.0)

@@ -35,6 +35,7 @@ def test_a_file(load):
     assert config.sensing == SensingConfig(joint_pos_rad=0.01, root_hz=10)
     assert config.safety == SafetyLimits(tilt_rad=0.8) and config.physics_dt_s == 0.004 and config.seed == 3
     assert load("{}") == StationConfig() and load("sensing: student").sensing == STUDENT_SENSING
+    assert load("sensing: {root_tracking: true}").sensing.root_tracking
     assert load("{}").carried == Box((0.30, 0.30, 0.30), 1.5)
 
 
@@ -61,8 +62,9 @@ def test_a_file(load):
         ("sensing: {gyro: 1}", "sensing has unknown key 'gyro'"),
         ("sensing: {gyro_rad_s: much}", "sensing.gyro_rad_s is 'much'"),
         ("sensing: {gravity: -0.1}", "sensing.gravity is -0.1"),
+        ("sensing: {root_tracking: 1}", "sensing.root_tracking is 1: true or false"),
         ("safety: 3", "safety is 3"),
-        ("carried: {shape: cone}", "unknown object shape 'cone'"),
+        ("carried: {shape: cone}", "object shape is 'cone': known are box"),
         ("carried: {shape: sphere, radius_m: 0.1, mass_kg: -1}", "mass_kg is -1"),
     ],
 )

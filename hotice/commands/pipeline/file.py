@@ -31,6 +31,7 @@ from typing import Any
 
 import yaml
 
+from hotice import checks
 from hotice.commands.pipeline.jobs import Job, check_argv, option_names, to_argv
 from hotice.errors import HoticeError, InvalidConfig, UnknownName
 from hotice.files import read_bytes
@@ -75,16 +76,16 @@ def load_pipeline(path: Path) -> Pipeline:
 
 
 def _pipeline(document: Any) -> Pipeline:
-    top = _mapping("the file", document, {"format", "out", "defaults", "jobs"}, needed=("format", "out", "jobs"))
+    top = checks.mapping("the file", document, ("format", "out", "jobs"), ("defaults",))
     if top["format"] != FORMAT:
         raise InvalidConfig(f"format is {top['format']!r}: known is {FORMAT!r}")
     out = Path(str(top["out"])).absolute()
     defaults = {
         command: _options(f"defaults of {command}", command, options)
-        for command, options in _mapping("defaults", top.get("defaults") or {}).items()
+        for command, options in _named("defaults", top.get("defaults") or {}).items()
     }
     copies: dict[str, list[_Copy]] = {}
-    for name, entry in _mapping("jobs", top["jobs"]).items():
+    for name, entry in _named("jobs", top["jobs"]).items():
         if not NAME.fullmatch(name):
             raise InvalidConfig(f"job {name!r}: a name of letters, digits and _ . + - is needed")
         copies[name] = _copies(name, entry, defaults)
@@ -101,12 +102,11 @@ def _pipeline(document: Any) -> Pipeline:
 
 def _copies(name: str, entry: Any, defaults: Mapping[str, Mapping[str, Any]]) -> list[_Copy]:
     where = f"job {name!r}"
-    known = {"command", "options", "each", "group", "cpus", "gpus"}
-    entry = _mapping(where, entry, known, needed=("command",))
+    entry = checks.mapping(where, entry, ("command",), ("options", "each", "group", "cpus", "gpus"))
     command, cpus, gpus = entry["command"], entry.get("cpus", 1), entry.get("gpus", 0)
-    for key, value, least in (("cpus", cpus, 1), ("gpus", gpus, 0), ("group", entry.get("group", 1), 1)):
-        if isinstance(value, bool) or not isinstance(value, int if key != "gpus" else (int, float)) or value < least:
-            raise InvalidConfig(f"{where}: {key} is {value!r}: a number of at least {least} is needed")
+    checks.whole(f"{where}: cpus", cpus, checks.COUNT)
+    checks.number(f"{where}: gpus", gpus, checks.NOT_NEGATIVE)
+    checks.whole(f"{where}: group", entry.get("group", 1), checks.COUNT)
     own = _options(where, command, entry.get("options") or {})
     options = {**defaults.get(command, {}), **own}
     if "threads" in option_names(command):
@@ -205,9 +205,9 @@ def _references(options: Mapping[str, Any], copies: Mapping[str, list[_Copy]]) -
     return found
 
 
-def _options(where: str, command: Any, given: Any) -> dict[str, Any]:
+def _options(where: str, command: Any, given: Any) -> Mapping[str, Any]:
     names = option_names(command) - set(OWN_OPTIONS)
-    options = _mapping(f"options of {where}", given)
+    options = _named(f"options of {where}", given)
     for name, value in options.items():
         if name in OWN_OPTIONS:
             raise InvalidConfig(f"{where}: the pipeline chooses {name!r} itself")
@@ -218,15 +218,9 @@ def _options(where: str, command: Any, given: Any) -> dict[str, Any]:
     return options
 
 
-def _mapping(where: str, value: Any, known: set[str] | None = None, needed: tuple[str, ...] = ()) -> dict[str, Any]:
-    if not isinstance(value, dict) or not all(isinstance(k, str) for k in value):
+def _named(where: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise InvalidConfig(f"{where}: names with values are needed, not {type(value).__name__}")
-    for key in value:
-        if known is not None and key not in known:
-            raise InvalidConfig(f"{where}: {UnknownName('key', key, known)}")
-    for key in needed:
-        if key not in value:
-            raise InvalidConfig(f"{where}: {key!r} is missing")
     return value
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidConfig, PickInfeasible
+from hotice import checks
+from hotice.errors import PickInfeasible
 
 Array = NDArray[np.float64]
 SUPPORT_TOP_M = (0.40, 0.85)
@@ -44,9 +45,7 @@ class Durations:
     retreat_s: float = 6.5
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
+        checks.numbers(self, checks.POSITIVE)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice import checks
 from hotice.control.pick_plan import cache
 from hotice.control.pick_plan.grip import Grip, ready_joints
 from hotice.control.pick_plan.plan import Durations, PickPlan, Support
@@ -62,12 +63,9 @@ class Planner:
 
         Raises `PickInfeasible`, naming the constraint that cannot be kept.
         """
-        q, p, quat = _finite("q_start", q_start, 27), _finite("p_GO", p_GO, 3), _finite("quat_GO", quat_GO, 4)
-        q, p, quat = (
-            np.round(q, ROUNDED),
-            np.round(p, ROUNDED),
-            np.round(np.asarray(normalize(quat), dtype=np.float64), ROUNDED),
-        )
+        q = np.round(checks.array("q_start", q_start, 27, error=PickInfeasible), ROUNDED)
+        p = np.round(checks.array("p_GO", p_GO, 3, error=PickInfeasible), ROUNDED)
+        quat = np.round(normalize(checks.array("quat_GO", quat_GO, 4, error=PickInfeasible)), ROUNDED)
         q[3:7] = normalize(q[3:7])
         task = PickTask.of(self.grip, self.terms, q, p, quat)
         key = cache.plan_key(task, self.durations) if self.folder is not None else ""
@@ -116,10 +114,3 @@ class Planner:
         from hotice.control.pick_plan.keyframes.robot import DrakeRobot
 
         return DrakeRobot(self.wrist_pos)
-
-
-def _finite(name: str, value: ArrayLike, size: int) -> Array:
-    array = np.asarray(value, dtype=float)
-    if array.shape != (size,) or not np.isfinite(array).all():
-        raise PickInfeasible(f"{name} has shape {array.shape}: {size} finite numbers are needed")
-    return array

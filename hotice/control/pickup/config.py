@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from hotice import checks
 from hotice.control.pick_plan import Durations
-from hotice.errors import InvalidConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,10 +38,9 @@ class PickupConfig:
     """Grasps before giving up."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            numbers = np.atleast_1d(np.asarray(value, dtype=float))
-            if not (np.isfinite(numbers).all() and (numbers > 0).all()):
-                raise InvalidConfig(f"{name} is {value!r}: finite numbers above 0 are needed")
+        checks.numbers(self, checks.POSITIVE, but=("squeeze_n", "attempts"))
+        checks.vector("squeeze_n", self.squeeze_n, 2, checks.POSITIVE)
+        checks.whole("attempts", self.attempts, checks.COUNT)
 
     @property
     def durations(self) -> Durations:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidConfig
+from hotice import checks
+from hotice.checks import Range
 
 Array = NDArray[np.float64]
 GRAVITY = 9.81
@@ -36,10 +37,8 @@ class Departure:
     turn_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.back_m) and 0.0 <= self.back_m <= FARTHEST_M):
-            raise InvalidConfig(f"back_m is {self.back_m!r}: 0 to {FARTHEST_M:g} m are allowed")
-        if not (np.isfinite(self.turn_rad) and abs(self.turn_rad) <= np.pi):
-            raise InvalidConfig(f"turn_rad is {self.turn_rad!r}: -pi to pi are allowed")
+        checks.number("back_m", self.back_m, Range(least=0, most=FARTHEST_M, unit="m"))
+        checks.number("turn_rad", self.turn_rad, Range(least=-np.pi, most=np.pi, note="half a turn"))
 
     def stances(self) -> list[tuple[float, float]]:
         """(back [m], turn [rad]) after each pair of steps; empty where there is nothing to do.

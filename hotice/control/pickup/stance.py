@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice import checks
 from hotice.control.controller import Measurement
 from hotice.control.pickup.footwork import SOLE_AHEAD_M
 from hotice.control.whole_body.terms import FEET, Terms
-from hotice.errors import InvalidConfig
 from hotice.model.frames import quat_from_yaw, quat_mul
 
 Array = NDArray[np.float64]
@@ -25,8 +25,7 @@ class Stance:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        if not np.isfinite([self.x, self.y, self.yaw]).all():
-            raise InvalidConfig(f"stance is x {self.x}, y {self.y}, yaw {self.yaw}: finite numbers are needed")
+        checks.numbers(self, checks.ANY)
 
     @classmethod
     def of(cls, terms: Terms, q: Array) -> Stance:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidConfig
+from hotice import checks
 
 Array = NDArray[np.float64]
 NUM = 5
@@ -44,13 +44,9 @@ class AdjustConfig:
     """Foothold beside the stance foot, on its own side, least and most [m]."""
 
     def __post_init__(self) -> None:
-        for name in ("foothold_weight", "offset_weight", "zmp_weight", "timing_weight"):
-            if not getattr(self, name) > 0:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a weight above 0 is needed")
-        for name in ("forward_m", "sideways_m"):
-            low, high = getattr(self, name)
-            if not low < high:
-                raise InvalidConfig(f"{name} is {(low, high)!r}: least must be below most")
+        checks.numbers(self, checks.POSITIVE, "foothold_weight", "offset_weight", "zmp_weight", "timing_weight")
+        checks.interval("forward_m", self.forward_m)
+        checks.interval("sideways_m", self.sideways_m)
 
 
 @dataclass(frozen=True)

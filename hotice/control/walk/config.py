@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.control.walk.swing import SwingShape
-from hotice.errors import InvalidConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,9 +23,7 @@ class TaskWeights:
     legs: float = 0.002
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not value > 0:
-                raise InvalidConfig(f"{name} is {value!r}: a weight above 0 is needed")
+        checks.numbers(self, checks.POSITIVE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,15 +85,10 @@ class WalkConfig:
     """Weights of the whole-body QP's tasks."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name != "weights" and not value > 0:
-                raise InvalidConfig(f"{name} is {value!r}: a number above 0 is needed")
-        if not self.step_length_m <= self.longest_step_m <= 0.6:
-            raise InvalidConfig(
-                f"longest_step_m is {self.longest_step_m!r}: allowed are step_length_m ({self.step_length_m:g}) to 0.6"
-            )
-        if not 0.45 <= self.pelvis_height_m <= 0.77:
-            raise InvalidConfig(f"pelvis_height_m is {self.pelvis_height_m!r}: allowed are 0.45 to 0.77")
+        checks.numbers(self, checks.POSITIVE, but=("weights",))
+        longest = Range(least=self.step_length_m, most=0.6, note="step_length_m is the least")
+        checks.number("longest_step_m", self.longest_step_m, longest)
+        checks.number("pelvis_height_m", self.pelvis_height_m, Range(least=0.45, most=0.77))
 
     def swing_time(self, distance_m: float, shape: SwingShape) -> float:
         """Time of single support of a swing over `distance_m`: no peak speed of the foot is exceeded [s]."""

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.compiled import compiled
 from hotice.control.controller import NUM_JOINTS, Measurement
 from hotice.control.whole_body import contacts as touch
@@ -22,7 +24,6 @@ from hotice.control.whole_body.contacts import Contacts
 from hotice.control.whole_body.solvers import UNBOUNDED, Guess, Problem, make_solver
 from hotice.control.whole_body.tasks import Targets
 from hotice.control.whole_body.terms import NV, Terms
-from hotice.errors import InvalidConfig
 from hotice.model import g1
 from hotice.model.joint_limits import torque_limits
 
@@ -69,13 +70,9 @@ class QpConfig:
     angles."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name == "solver" or (name in ("deadline_s", "tolerance") and value is None):
-                continue
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
-        if self.torque_share > 1:
-            raise InvalidConfig(f"torque_share is {self.torque_share!r}: a share of the limits, at most 1, is needed")
+        absent = [name for name in ("deadline_s", "tolerance") if getattr(self, name) is None]
+        checks.numbers(self, checks.POSITIVE, but=("solver", *absent))
+        checks.number("torque_share", self.torque_share, Range(above=0, most=1))
 
 
 @dataclass(kw_only=True)

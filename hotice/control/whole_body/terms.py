@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice import checks
 from hotice.compiled import compiled
 from hotice.control.controller import Measurement
 from hotice.errors import InvalidConfig, MissingExtra
@@ -35,11 +36,8 @@ def robot_model(wrist_pos: ArrayLike | None = None) -> pinocchio.Model:
     Raises `MissingExtra` without Pinocchio.
     """
     pin = _pinocchio()
-    wrist = np.zeros(6) if wrist_pos is None else np.asarray(wrist_pos, dtype=float)
-    if wrist.shape != (6,) or not np.isfinite(wrist).all():
-        raise InvalidConfig(
-            f"wrist_pos has shape {wrist.shape}: 6 finite angles, in the order of g1.WRIST_JOINTS, are needed"
-        )
+    angles = np.zeros(len(g1.WRIST_JOINTS)) if wrist_pos is None else wrist_pos
+    wrist = checks.array("wrist_pos (in the order of g1.WRIST_JOINTS)", angles, len(g1.WRIST_JOINTS))
     model = builder.pinocchio_model(29)
     for frame in model.frames:  # a body and a site may share a name in MJCF, frames of a reduced model may not
         if frame.type == pin.FrameType.OP_FRAME and frame.name == g1.ROOT_BODY:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hotice import checks
 from hotice.deploy.messages.cdr import decode
 from hotice.deploy.messages.checks import numbers, seal
 from hotice.deploy.messages.structs import Struct
@@ -41,10 +42,8 @@ class Faults:
 
     def __post_init__(self) -> None:
         for name in CHANCES:
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidConfig(f"faults: {name} is {getattr(self, name)}: a chance from 0 to 1 is needed")
-        if not 0.0 <= self.late_s < math.inf:
-            raise InvalidConfig(f"faults: late_s is {self.late_s}: 0 or more seconds are needed")
+            checks.number(f"faults: {name}", getattr(self, name), checks.SHARE)
+        checks.number("faults: late_s", self.late_s, checks.NOT_NEGATIVE)
 
     def active(self, now_s: float) -> bool:
         return self.from_s <= now_s < self.until_s

@@ -19,6 +19,7 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
+from hotice import checks
 from hotice.errors import CheckpointError, OutputError
 from hotice.learn.checkpoints.lineage import ANCESTORS
 from hotice.policy.policy_file import shipped_policies
@@ -99,17 +100,13 @@ def read_meta(folder: Path) -> dict[str, Any]:
 def _check_counters(path: Path, meta: dict[str, Any]) -> None:
     """Raises `CheckpointError` for counters that no training can have reached."""
     for name in ("update", "steps"):
-        value = meta.get(name, 0)
-        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
-            raise CheckpointError(f"{path}: {name} is {value!r}: an integer from 0 to 2^63 - 1 is needed")
+        checks.whole(f"{path}: {name}", meta.get(name, 0), checks.INT64, CheckpointError)
     behind = meta.get(ANCESTORS, {})
     if not isinstance(behind, dict) or any(
         isinstance(n, bool) or not isinstance(n, int) or n < 0 for n in behind.values()
     ):
         raise CheckpointError(f"{path}: {ANCESTORS} is {behind!r}: steps by SHA-256 are needed, integers of at least 0")
-    minutes = meta.get("minutes", 0.0)
-    if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not 0 <= minutes < float("inf"):
-        raise CheckpointError(f"{path}: minutes is {minutes!r}: a finite number of at least 0 is needed")
+    checks.number(f"{path}: minutes", meta.get("minutes", 0.0), checks.NOT_NEGATIVE, CheckpointError)
 
 
 def load_checkpoint(path: Path, device: torch.device | str = "cpu") -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig
 from hotice.learn.train.config import PpoConfig, TrainConfig
 from hotice.task.config import TaskConfig
@@ -42,10 +42,8 @@ class DistillConfig(TrainConfig):
         super().__post_init__()
         if not self.teachers and self.generalist is None:
             raise InvalidConfig("no teachers: runs of specialists (teachers), of a generalist, or both are needed")
-        if not 1 <= self.aggregate <= 64:
-            raise InvalidConfig(f"aggregate is {self.aggregate!r}: 1 to 64 rollouts are allowed")
-        if not (np.isfinite(self.exploration) and 0.0 <= self.exploration <= 1.0):
-            raise InvalidConfig(f"exploration is {self.exploration!r}: a share between 0 and 1 is needed")
+        checks.whole("aggregate", self.aggregate, Range(least=1, most=64, unit="rollouts"))
+        checks.number("exploration", self.exploration, checks.SHARE)
 
 
 @dataclass(frozen=True, kw_only=True)

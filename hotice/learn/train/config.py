@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import torch
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.sim.physics.protocol import BACKENDS
 from hotice.sim.starts import NEAREST_M
@@ -50,28 +51,11 @@ class PpoConfig:
     """Lower limit of the action's standard deviation (ours)."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "epochs", "minibatches"):
-            if int(getattr(self, name)) < 1:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: at least 1 is needed")
-        for name in ("gamma", "lam"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a number between 0 and 1 is needed")
-        for name in (
-            "clip",
-            "value_clip",
-            "learning_rate",
-            "max_learning_rate",
-            "target_kl",
-            "max_grad_norm",
-            "min_std",
-        ):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number above 0 is needed")
-        for name in ("entropy", "value_weight", "mirror_weight"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        checks.wholes(self, checks.COUNT, "steps", "epochs", "minibatches")
+        checks.numbers(self, checks.SHARE, "gamma", "lam")
+        checks.numbers(self, checks.POSITIVE, "clip", "value_clip", "learning_rate", "max_learning_rate")
+        checks.numbers(self, checks.POSITIVE, "target_kl", "max_grad_norm", "min_std")
+        checks.numbers(self, checks.NOT_NEGATIVE, "entropy", "value_weight", "mirror_weight")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,33 +118,22 @@ class TrainConfig:
     """Task."""
 
     def __post_init__(self) -> None:
-        if self.num_envs < 1:
-            raise InvalidConfig(f"num_envs is {self.num_envs!r}: at least 1 is needed")
+        checks.wholes(self, checks.COUNT, "num_envs", "updates")
         if (self.num_envs * self.ppo.steps) % self.ppo.minibatches:
             raise InvalidConfig(
                 f"{self.num_envs} environments x {self.ppo.steps} steps do not divide into {self.ppo.minibatches} "
                 "minibatches: change one of them"
             )
-        for name in ("max_minutes", "checkpoint_minutes", "checkpoint_updates", "critic_updates", "threads", "seed"):
-            value = getattr(self, name)
-            if not 0 <= value < 2**63:  # also false for a value that is no number
-                raise InvalidConfig(f"{name} is {value!r}: a number from 0 to 2^63 - 1 is needed")
-        if self.updates < 1:
-            raise InvalidConfig(f"updates is {self.updates!r}: at least 1 is needed")
-        first_m, share = self.curriculum_distance_m, self.curriculum_objects
-        if first_m != 0 and not (np.isfinite(first_m) and first_m >= NEAREST_M):
-            raise InvalidConfig(
-                f"curriculum_distance_m is {first_m!r}: 0, or a distance of at least {NEAREST_M} is needed"
-            )
-        if not 0.0 <= share <= 1.0:
-            raise InvalidConfig(f"curriculum_objects is {share!r}: a share between 0 and 1 is needed")
-        for name in ("hidden", "critic_hidden"):
-            if not getattr(self, name) or min(getattr(self, name)) < 1:
-                raise InvalidConfig(f"{name} is {getattr(self, name)!r}: one or more sizes of at least 1 are needed")
-        if not all(np.isfinite(s) and s > 0 for s in self.init_std):
-            raise InvalidConfig(f"init_std is {self.init_std!r}: finite numbers above 0 are needed")
-        if not 0.0 <= self.average < 1.0:
-            raise InvalidConfig(f"average is {self.average!r}: a share from 0 to below 1 is needed")
+        checks.numbers(self, checks.INT64, "max_minutes", "checkpoint_minutes")
+        checks.wholes(self, checks.INT64, "checkpoint_updates", "critic_updates", "threads", "seed")
+        if self.curriculum_distance_m != 0:
+            far = Range(least=NEAREST_M, unit="m", note="or 0: at any distance")
+            checks.number("curriculum_distance_m", self.curriculum_distance_m, far)
+        checks.number("curriculum_objects", self.curriculum_objects, checks.SHARE)
+        checks.vector("hidden", self.hidden, None, checks.COUNT)
+        checks.vector("critic_hidden", self.critic_hidden, None, checks.COUNT)
+        checks.vector("init_std", self.init_std, 2, checks.POSITIVE)
+        checks.number("average", self.average, Range(least=0, below=1))
         if self.perturbed:
             _check_students(self.task)
         get_preset(self.preset)

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidScene, UnknownName
 from hotice.model.generate.graded import SINGLE, combo, open_floor, pillars
 from hotice.model.generate.pieces import Obstacles
@@ -62,10 +64,8 @@ def generate(name: str, count: int, seed: int = 0) -> Generated:
     """
     if name not in FAMILIES:
         raise UnknownName("scene family", name, FAMILIES)
-    if not 1 <= count <= MAX_COUNT:
-        raise InvalidScene(f"scene family {name!r}: count is {count!r}: 1 to {MAX_COUNT:,} are allowed")
-    if seed < 0:
-        raise InvalidScene(f"scene family {name!r}: seed is {seed!r}: a number of at least 0 is needed")
+    checks.whole(f"scene family {name!r}: count", count, Range(least=1, most=MAX_COUNT), InvalidScene)
+    checks.whole(f"scene family {name!r}: seed", seed, checks.NOT_NEGATIVE, InvalidScene)
     if name == "indoor":
         return _indoor(count, seed)
     if name in MIXTURES:

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidScene
 from hotice.model.generate.crop import LARGE_M, MEDIUM_M, SMALL_M, crop, propose_ways, why_blocked
 from hotice.model.generate.rooms import RECIPES, furnish
@@ -37,10 +39,8 @@ def indoor_scenes(count: int, seed: int = 0) -> IndoorScenes:
     Raises:
         InvalidScene: `count` is not in 1..10,000 or `seed` is negative.
     """
-    if not 1 <= count <= MAX_COUNT or seed < 0:
-        raise InvalidScene(
-            f"{count} indoor scenes of seed {seed}: 1 to {MAX_COUNT:,} of a seed of at least 0 are allowed"
-        )
+    checks.whole("count of indoor scenes", count, Range(least=1, most=MAX_COUNT), InvalidScene)
+    checks.whole("seed of indoor scenes", seed, checks.NOT_NEGATIVE, InvalidScene)
     rejected: Counter[str] = Counter()
     difficulties = np.linspace(0.0, 1.0, count)
     scenes = [_draw(float(d), seed * MAX_COUNT + i, rejected) for i, d in enumerate(difficulties)]
@@ -49,8 +49,8 @@ def indoor_scenes(count: int, seed: int = 0) -> IndoorScenes:
 
 def indoor_scene(difficulty: float, number: int) -> Scene:
     """One scene; `difficulty` in 0..1. Raises `InvalidScene` for values out of range."""
-    if not 0.0 <= difficulty <= 1.0 or number < 0:
-        raise InvalidScene(f"indoor scene {number!r} of difficulty {difficulty!r}: at least 0, and 0 to 1, are allowed")
+    checks.number("difficulty of an indoor scene", difficulty, checks.SHARE, InvalidScene)
+    checks.whole("number of an indoor scene", number, checks.NOT_NEGATIVE, InvalidScene)
     return _draw(difficulty, number, Counter())
 
 

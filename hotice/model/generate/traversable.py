@@ -19,10 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import InvalidConfig, InvalidScene
+from hotice import checks
+from hotice.checks import Range
+from hotice.errors import InvalidObject, InvalidScene
 from hotice.model.generate.envelope import FEET, POSTURES, SHINS, Envelope
 from hotice.model.generate.lattice_search import CAP_M, HEADINGS, BodyGrid, LatticePath, search
-from hotice.model.objects import positive
 from hotice.model.scene import Scene
 
 MARGIN_M = 0.02
@@ -71,10 +72,8 @@ def check_traversable(
         InvalidScene: the scene has too many places for this resolution.
         InvalidObject, InvalidConfig: an extent that is not positive; a resolution outside 1 to 10 cm.
     """
-    for value in carried_half_extents_m:
-        positive("load", "carried_half_extents_m", value)
-    if not 0.01 <= resolution_m <= 0.1:
-        raise InvalidConfig(f"resolution_m is {resolution_m!r}: 0.01 to 0.1 is allowed")
+    checks.vector("carried_half_extents_m", carried_half_extents_m, 3, checks.POSITIVE, InvalidObject)
+    checks.number("resolution_m", resolution_m, Range(least=0.01, most=0.1, unit="m"))
     envelope = Envelope.of(carried_half_extents_m)
     grid = _grid(scene, resolution_m, CAP_M + float(envelope.ball[:, 3].max()))
     found = search(grid, envelope, scene.start, scene.goal, GOAL_RADIUS_M, MARGIN_M)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hotice.errors import InputError, InvalidMap, InvalidScene
 from hotice.files import read_bytes
 from hotice.model.geometry import bvh
-from hotice.model.geometry.shapes import MAX_LENGTH_M
+from hotice.model.geometry.lengths import MAX_LENGTH_M
 from hotice.model.importers.formats.mesh_files import read_mesh
 
 MAX_FACES = 200_000

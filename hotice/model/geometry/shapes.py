@@ -7,7 +7,6 @@ file's frame, scaled about the origin.
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,57 +15,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice import checks
+from hotice.checks import shown
 from hotice.errors import InvalidScene
+from hotice.model.geometry.lengths import LENGTH
 
 Points = NDArray[np.float64]
 MESH_SUFFIXES = (".obj", ".off", ".ply", ".stl")
-MIN_LENGTH_M, MAX_LENGTH_M = 1e-6, 1e4
-
-
-_SHOWN = reprlib.Repr()
-_SHOWN.maxlevel, _SHOWN.maxstring, _SHOWN.maxother = 3, 60, 60
-
-
-def shown(value: object) -> str:
-    """`repr` for messages: one line, short and shallow, whatever an untrusted file holds."""
-    return _SHOWN.repr(value)
-
-
-def number(where: str, value: object) -> float:
-    """`value` as a finite float no larger than 10 km, or `InvalidScene` that starts with `where`."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise InvalidScene(f"{where} is {shown(value)}: a number is needed")
-    if isinstance(value, int) and abs(value) > MAX_LENGTH_M or not math.isfinite(value) or abs(value) > MAX_LENGTH_M:
-        came = "an integer" if isinstance(value, int) else f"{value:g}"
-        raise InvalidScene(f"{where} is {came}: a finite number of at most {MAX_LENGTH_M:g} is needed")
-    return float(value)
-
-
-def positive(where: str, value: object) -> float:
-    """`number` of at least `MIN_LENGTH_M`."""
-    result = number(where, value)
-    if result < MIN_LENGTH_M:
-        raise InvalidScene(f"{where} is {result:g}: a number above 0 is needed, at least {MIN_LENGTH_M:g}")
-    return result
-
-
-def vector(where: str, value: object, length: int) -> tuple[float, ...]:
-    """`length` finite numbers, or `InvalidScene` that starts with `where`."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if not isinstance(value, list | tuple) or len(value) != length:
-        raise InvalidScene(f"{where} is {shown(value)}: a list of {length} numbers is needed")
-    return tuple(number(f"{where}[{i}]", v) for i, v in enumerate(value))
-
-
-def check_keys(where: str, data: object, required: tuple[str, ...], optional: tuple[str, ...] = ()) -> None:
-    """`InvalidScene` unless `data` is a mapping with all `required` keys and none beside `optional` ones."""
-    if not isinstance(data, Mapping):
-        raise InvalidScene(f"{where} is {shown(data)}: a mapping with {', '.join(required)} is needed")
-    for kind, keys in (("lacks", set(required) - set(data)), ("has unknown", set(data) - {*required, *optional})):
-        if keys:
-            names = ", ".join(sorted(map(shown, keys))[:5])
-            raise InvalidScene(f"{where} {kind} {names}: allowed are {', '.join((*required, *optional))}")
 
 
 class Shape:
@@ -102,8 +57,7 @@ class BoxShape(Shape):
     keys: ClassVar[tuple[str, ...]] = ("size_m",)
 
     def __post_init__(self) -> None:
-        size = vector("box size_m", self.size_m, 3)
-        object.__setattr__(self, "size_m", tuple(positive(f"box size_m[{i}]", v) for i, v in enumerate(size)))
+        object.__setattr__(self, "size_m", checks.vector("box size_m", self.size_m, 3, LENGTH, InvalidScene))
 
     def signed_distance(self, p: Points) -> Points:
         """Exact, see `Shape`."""
@@ -213,7 +167,7 @@ class MeshShape(Shape):
     keys: ClassVar[tuple[str, ...]] = ("file", "scale")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scale", positive("mesh scale", self.scale))
+        object.__setattr__(self, "scale", checks.number("mesh scale", self.scale, LENGTH, InvalidScene))
         object.__setattr__(self, "folder", Path(self.folder))
         if not isinstance(self.file, str) or not self.file or "\0" in self.file:
             raise InvalidScene(f"mesh file is {shown(self.file)}: a path relative to the scene file is needed")
@@ -257,7 +211,8 @@ class MeshShape(Shape):
 
 def _check_lengths(shape: Any) -> None:
     for key in shape.keys:
-        object.__setattr__(shape, key, positive(f"{shape.type} {key}", getattr(shape, key)))
+        length = checks.number(f"{shape.type} {key}", getattr(shape, key), LENGTH, InvalidScene)
+        object.__setattr__(shape, key, length)
 
 
 SHAPES: dict[str, Callable[..., Shape]] = {
@@ -269,16 +224,14 @@ def shape_from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Shap
     """Shape of a scene file's `shape` entry; mesh files are looked up in `folder`. Raises `InvalidScene`."""
     if not isinstance(data, Mapping) or "type" not in data:
         raise InvalidScene(f"shape is {shown(data)}: a mapping with a type is needed ({', '.join(SHAPES)})")
-    kind = data["type"]
-    if not isinstance(kind, str) or kind not in SHAPES:
-        raise InvalidScene(f"unknown shape type {shown(kind)}: known are {', '.join(SHAPES)}")
+    kind = checks.one_of("shape type", data["type"], SHAPES, InvalidScene)
     cls: Any = SHAPES[kind]
     if cls is MeshShape:
-        check_keys("mesh shape", data, ("type", "file"), ("scale",))
+        checks.mapping("mesh shape", data, ("type", "file"), ("scale",), InvalidScene)
         if folder is None:
             raise InvalidScene("a mesh needs the scene's folder: load the scene from a file, or pass folder=")
         return MeshShape(data["file"], data.get("scale", 1.0), folder)
-    check_keys(f"{kind} shape", data, ("type", *cls.keys))
+    checks.mapping(f"{kind} shape", data, ("type", *cls.keys), error=InvalidScene)
     return cls(**{key: data[key] for key in cls.keys})
 
 

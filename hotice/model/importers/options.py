@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig
 
+FARTHEST_M = 100_000_000
 FAR_M = 1000.0
 """A map farther from its origin is a surveyor's: its scene has an origin of its own."""
 Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
@@ -47,13 +49,11 @@ class ImportOptions:
     """Name of the scene; by default the file's."""
 
     def __post_init__(self) -> None:
-        numbers = {"scale": (self.scale,), "voxel_m": (self.voxel_m,), "size_m": self.size_m or ()}
-        for what, values in {**numbers, "turn_deg": self.turn_deg}.items():
-            if not all(math.isfinite(v) and abs(v) <= 1e4 for v in values):
-                raise InvalidConfig(f"{what} is {values!r}: finite numbers of at most 10,000 are needed")
-        for what, values in {"start": self.start, "goal": self.goal}.items():
-            if not all(math.isfinite(v) and abs(v) <= 1e8 for v in values):
-                raise InvalidConfig(f"{what} is {values!r}: finite numbers of at most 100,000 km are needed")
+        checks.vector("turn_deg", self.turn_deg, 2, Range(least=-10_000, most=10_000))
+        if self.size_m is not None:
+            checks.vector("size_m", self.size_m, 3, Range(above=0, most=10_000))
+        checks.vector("start", self.start, None, Range(least=-FARTHEST_M, most=FARTHEST_M))
+        checks.vector("goal", self.goal, 2, Range(least=-FARTHEST_M, most=FARTHEST_M))
         if len(self.start) not in (2, 3):
             raise InvalidConfig(f"start is {self.start!r}: X Y or X Y YAW is needed")
         if self.frame == "floor" and max(map(abs, (*self.start[:2], *self.goal))) > FAR_M:
@@ -61,11 +61,7 @@ class ImportOptions:
                 f"start {self.start!r} or goal {self.goal!r} is more than {FAR_M:g} m from the origin: give them as "
                 "the map has them and add --frame map, by which the scene has its origin at the start"
             )
-        if not 0.01 <= self.voxel_m <= 0.2:
-            raise InvalidConfig(f"voxel_m is {self.voxel_m!r}: 0.01 to 0.2 m are allowed")
-        if not self.scale >= 1e-4:
-            raise InvalidConfig(f"scale is {self.scale!r}: at least 0.0001 is needed (0.001 for millimetres)")
-        if self.min_points < 0 or self.min_voxels < 1:
-            raise InvalidConfig(
-                f"min_points is {self.min_points!r}, min_voxels {self.min_voxels!r}: at least 0 and 1 are needed"
-            )
+        checks.number("voxel_m", self.voxel_m, Range(least=0.01, most=0.2, unit="m"))
+        checks.number("scale", self.scale, Range(least=1e-4, most=10_000, note="0.001 for millimetres"))
+        checks.whole("min_points", self.min_points, checks.NOT_NEGATIVE)
+        checks.whole("min_voxels", self.min_voxels, checks.COUNT)

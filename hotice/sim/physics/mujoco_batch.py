@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from hotice import checks
 from hotice.errors import InvalidConfig
 from hotice.model.builder import HIT_SENSORS
 
@@ -46,8 +47,7 @@ class MujocoBatch:
     """
 
     def __init__(self, models: Sequence[mujoco.MjModel], num_envs: int, threads: int = 0) -> None:
-        if num_envs < 1:
-            raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
+        checks.whole("num_envs", num_envs, checks.COUNT)
         self.num_envs = num_envs
         self.only: Tensor | None = None
         self.device = torch.device("cpu")

@@ -13,6 +13,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from hotice import checks
 from hotice.errors import InvalidConfig, SimulationError
 from hotice.model.builder import HIT_SENSORS
 from hotice.sim.physics.mujoco_batch import differing_fields
@@ -47,8 +48,7 @@ class MujocoWarp:
         contacts: int = CONTACTS,
         constraints: int = CONSTRAINTS,
     ) -> None:
-        if num_envs < 1:
-            raise InvalidConfig(f"num_envs is {num_envs}: at least 1 is needed")
+        checks.whole("num_envs", num_envs, checks.COUNT)
         self.num_envs = num_envs
         self.device = torch.device(device)
         self.hits: Tensor | None = None

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from hotice.errors import InvalidConfig
+from hotice import checks
 from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, ROBOT_STATE
 
 Array = NDArray[np.float64]
@@ -38,10 +38,7 @@ class HandOver:
     """Time in which the torques go over from one to the other."""
 
     def __post_init__(self) -> None:
-        for name in ("settle_s", "hold_n", "blend_s"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidConfig(f"{name} is {value!r}: a finite number of at least 0 is needed")
+        checks.numbers(self, checks.NOT_NEGATIVE, "settle_s", "hold_n", "blend_s")
 
 
 def blend(pickup: Array, carry: Array, share: float) -> Array:

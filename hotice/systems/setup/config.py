@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import HoticeError, InputError, InvalidConfig
 from hotice.files import read_bytes
 from hotice.model.dynamics import (
-    FRICTIONS,
     PAPER_DYNAMICS,
     ROBOT_DYNAMICS,
     ROBOT_NOMINAL,
@@ -88,27 +89,19 @@ class StationConfig:
     """Rate at which the visualizer publishes."""
 
     def __post_init__(self) -> None:
-        for name in ("meshcat_hz", "pelvis_height_m", "support_height_m", "support_near_m"):
-            _number(name, getattr(self, name), above=0.0)
-        for name in ("log_hz", "push_m_s"):
-            _number(name, getattr(self, name))
-        _number("push_interval_s", self.push_interval_s, least=0.1)
-        _number("pick_bearing_rad", self.pick_bearing_rad, least=-np.pi)
+        checks.numbers(self, checks.POSITIVE, "meshcat_hz", "pelvis_height_m", "support_height_m", "support_near_m")
+        checks.numbers(self, checks.NOT_NEGATIVE, "log_hz", "push_m_s")
+        checks.number("push_interval_s", self.push_interval_s, Range(least=0.1))
+        checks.number("pick_bearing_rad", self.pick_bearing_rad, Range(least=-np.pi))
         if self.physics_dt_s is not None:
-            _number("physics_dt_s", self.physics_dt_s, above=0.0)
-            if self.physics_dt_s > 0.01:
-                raise InvalidConfig(f"physics_dt_s is {self.physics_dt_s!r}: at most 0.01 s, or contacts come apart")
-        if self.servo not in SERVOS:
-            raise InvalidConfig(f"servo is {self.servo!r}: known are {', '.join(SERVOS)}")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**31:
-            raise InvalidConfig(f"seed is {self.seed!r}: a whole number from 0 to 2^31 - 1 is needed")
-        for name in ("scene", "policy"):
-            if name == "scene" and isinstance(self.scene, Scene):
-                continue
+            note = "contacts come apart at longer steps"
+            checks.number("physics_dt_s", self.physics_dt_s, Range(above=0, most=0.01, unit="s", note=note))
+        checks.one_of("servo", self.servo, SERVOS)
+        checks.whole("seed", self.seed, Range(least=0, most=2**31 - 1))
+        for name in ("policy",) if isinstance(self.scene, Scene) else ("scene", "policy"):
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: a name or a path is needed")
-        if not isinstance(self.elliptic, bool):
-            raise InvalidConfig(f"elliptic is {self.elliptic!r}: true or false is needed")
+        checks.flag("elliptic", self.elliptic)
         for name, kind in {"carried": CarriedObject, "rehearsal": RehearsalConfig, **PARTS}.items():
             if not isinstance(getattr(self, name), kind):
                 raise InvalidConfig(f"{name} is {getattr(self, name)!r}: see `StationConfig`")
@@ -116,26 +109,15 @@ class StationConfig:
     @classmethod
     def from_dict(cls, data: Any) -> StationConfig:
         """From plain values, as a YAML file holds them. Raises `InvalidConfig` or `InvalidObject`."""
-        known = [f.name for f in fields(cls)]
-        values = dict(_mapping("station", data, known))
+        values = dict(_mapping("station", data, cls))
         if "carried" in values:
             values["carried"] = object_from_dict(values["carried"])
         for part, known in (("sensing", SENSING), ("dynamics", DYNAMICS)):
             if isinstance(values.get(part), str):
-                name = values[part]
-                if name not in known:
-                    raise InvalidConfig(f"{part} is {name!r}: known are {', '.join(known)}, or a mapping")
-                values[part] = known[name]
-        for name, kind in PARTS.items():
+                values[part] = known[checks.one_of(part, values[part], known, otherwise="a mapping")]
+        for name, kind in {**PARTS, "rehearsal": RehearsalConfig}.items():
             if name in values and not isinstance(values[name], kind):
-                part = _mapping(name, values[name], [f.name for f in fields(kind)])
-                for key, value in part.items():
-                    if key not in FRICTIONS:
-                        _number(f"{name}.{key}", value)
-                values[name] = kind(**part)
-        if "rehearsal" in values and not isinstance(values["rehearsal"], RehearsalConfig):
-            part = _mapping("rehearsal", values["rehearsal"], [f.name for f in fields(RehearsalConfig)])
-            values["rehearsal"] = RehearsalConfig(**part)
+                values[name] = _part(name, values[name], kind)
         return cls(**values)
 
     @classmethod
@@ -151,17 +133,13 @@ class StationConfig:
             raise InvalidConfig(f"{path}: {error}") from None
 
 
-def _mapping(what: str, data: Any, known: list[str]) -> Mapping[str, Any]:
-    if not isinstance(data, Mapping):
-        raise InvalidConfig(f"{what} is {data!r}: a mapping of {', '.join(known)} is needed")
-    unknown = [str(key) for key in data if key not in known]
-    if unknown:
-        raise InvalidConfig(f"{what} has unknown key {unknown[0]!r}: known are {', '.join(known)}")
-    return data
+def _mapping(where: str, data: Any, kind: type) -> Mapping[str, Any]:
+    return checks.mapping(where, data, optional=[f.name for f in fields(kind)])
 
 
-def _number(name: str, value: Any, above: float | None = None, least: float = 0.0) -> None:
-    good = not isinstance(value, bool) and isinstance(value, int | float) and bool(np.isfinite(value))
-    if not good or value < least or (above is not None and value <= above):
-        allowed = f"at least {least:g}" if above is None else f"above {above:g}"
-        raise InvalidConfig(f"{name} is {value!r}: a finite number {allowed} is needed")
+def _part(name: str, data: Any, kind: type) -> Any:
+    values = _mapping(name, data, kind)
+    try:
+        return kind(**values)
+    except InvalidConfig as error:
+        raise InvalidConfig(f"{name}.{error}") from None

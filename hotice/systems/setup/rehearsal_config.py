@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from hotice.errors import InvalidConfig
+from hotice import checks
+from hotice.checks import Range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,14 +19,5 @@ class RehearsalConfig:
     one."""
 
     def __post_init__(self) -> None:
-        (horizon,) = _numbers("horizon_s", [self.horizon_s])
-        if not 0.0 <= horizon <= 20.0:
-            raise InvalidConfig(f"horizon_s is {self.horizon_s!r}: 0 (no rehearsal) to 20 s are allowed")
-        object.__setattr__(self, "push_m_s", _numbers("push_m_s", self.push_m_s))
-
-
-def _numbers(name: str, value: Any) -> tuple[float, ...]:
-    good = isinstance(value, Sequence) and not isinstance(value, str) and len(value) > 0
-    if not good or not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in value):
-        raise InvalidConfig(f"{name} is {value!r}: finite numbers are needed")
-    return tuple(float(v) for v in value)
+        checks.number("horizon_s", self.horizon_s, Range(least=0, most=20, unit="s", note="0: no rehearsal"))
+        object.__setattr__(self, "push_m_s", checks.vector("push_m_s", self.push_m_s, None))

@@ -120,9 +120,9 @@ def test_start_inside_the_envelope_and_reasons():
 
 
 def test_impossible_options():
-    with pytest.raises(InvalidObject, match="load: carried_half_extents_m is nan"):
+    with pytest.raises(InvalidObject, match=r"carried_half_extents_m\[1\] is nan"):
         check_traversable(Scene("open"), carried_half_extents_m=(0.1, math.nan, 0.1))
-    with pytest.raises(InvalidConfig, match="resolution_m is 0: 0.01 to 0.1 is allowed"):
+    with pytest.raises(InvalidConfig, match="resolution_m is 0: a finite number from 0.01 to 0.1 m is needed"):
         check_traversable(Scene("open"), resolution_m=0)
 
 
