@@ -18,7 +18,7 @@ import mujoco
 
 from hotice.learn import load_policy
 from hotice.model import builder, g1
-from hotice.model.scene_sets import resolve_scenes
+from hotice.model.shipped import resolve_scenes
 from hotice.sim import TransportEnv
 from hotice.sim.physics.threads import use_threads
 from hotice.task import TaskConfig

@@ -22,7 +22,7 @@ from hotice.fields import FieldBank, similarity_matrix
 from hotice.learn import load_policy
 from hotice.learn.checkpoints.trained_on import in_words
 from hotice.learn.checkpoints.training_scenes import whole_record
-from hotice.model.scene_sets import resolve_scenes
+from hotice.model.shipped import resolve_scenes
 
 BINS = 12
 BAR_WIDTH = 40

@@ -22,12 +22,12 @@ from hotice.control.walk import WalkConfig
 from hotice.errors import HoticeError
 from hotice.evaluate import Trials, run_trial, success_interval
 from hotice.evaluate.config import PAPER_S
-from hotice.evaluate.referees import GOAL_M
 from hotice.evaluate.walk_trials import Trial
 from hotice.fields import build_hod_pf
 from hotice.model import CarryState, ObjectRange, Scene, builder, solve_carry
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
-from hotice.model.scene_sets import resolve_scenes
+from hotice.model.shipped import resolve_scenes
+from hotice.task.rules import GOAL_M
 
 PHYSICS_S, FINE_S = 0.005, 0.002
 SETTLED_S = 1.0

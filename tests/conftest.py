@@ -1,41 +1,34 @@
-"""A tiny trained run that the tests of this folder share."""
+"""What tests of several folders share: a folder and threads of their own, objects in hands, a tiny trained run."""
 
 import dataclasses
+import sys
 
 import numba
+import numpy as np
 import pytest
-import torch
 
-from hotice.learn.policy import export_onnx, torch_policy
-from hotice.learn.train.config import PpoConfig, TrainConfig
-from hotice.learn.train.runner import Runner
-from hotice.sim import TaskConfig
+from hotice.model import Box
+from hotice.model.objects import Cylinder, Sphere
 
-TINY = [
-    "--num-envs",
-    "8",
-    "--steps",
-    "8",
-    "--minibatches",
-    "2",
-    "--hidden",
-    "16",
-    "--critic-hidden",
-    "16",
-    "--threads",
-    "1",
-    "--carry-states",
-    "2",
-    "--episode-s",
-    "0.3",
-]
+TINY = {
+    "num-envs": 8,
+    "steps": 8,
+    "minibatches": 2,
+    "hidden": 16,
+    "critic-hidden": 16,
+    "threads": 1,
+    "carry-states": 2,
+    "episode-s": 0.3,
+}
 
 
 @pytest.fixture(scope="session", autouse=True)
 def one_thread():
-    """Batches are small here: threads would only wait for each other."""
-    torch.set_num_threads(1)
+    """Batches are small in tests: threads would only wait for each other."""
     numba.set_num_threads(1)
+    # Importing torch here would cost the tests of packages without it a second.
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
 
 
 @pytest.fixture(autouse=True)
@@ -44,9 +37,25 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+@pytest.fixture(scope="session")
+def states():
+    """Carry states of a light box, a heavy box, a cylinder and a sphere."""
+    from hotice.model.carry import solve_carry
+
+    objects = Box((0.3, 0.3, 0.3), 1.0), Box((0.24, 0.36, 0.22), 3.0), Cylinder(0.13, 0.3, 1.5), Sphere(0.14, 1.2)
+    return [solve_carry(carried) for carried in objects]
+
+
 @pytest.fixture(scope="session")
 def tiny():
     """Function: a tiny training configuration; the same as the options `TINY`."""
+    from hotice.learn.ppo.config import PpoConfig
+    from hotice.learn.train.config import TrainConfig
 
     def make(out, **changes):
         config = TrainConfig(
@@ -66,12 +75,14 @@ def tiny():
 
 @pytest.fixture(scope="session")
 def tiny_options():
-    return TINY
+    return [word for name, value in TINY.items() for word in (f"--{name}", str(value))]
 
 
 @pytest.fixture(scope="session")
 def run(tiny, tmp_path_factory):
     """Folder of a run of two updates; leave it as it is."""
+    from hotice.learn.train.runner import Runner
+
     out = tmp_path_factory.mktemp("run")
     Runner(tiny(out)).train()
     return out
@@ -80,9 +91,7 @@ def run(tiny, tmp_path_factory):
 @pytest.fixture(scope="session")
 def onnx_file(run, tmp_path_factory):
     """Its exported policy; leave it as it is."""
+    from hotice.learn.export import export_onnx
+    from hotice.learn.policy import torch_policy
+
     return export_onnx(torch_policy(run), tmp_path_factory.mktemp("export") / "policy.onnx")
-
-
-@pytest.fixture(scope="session")
-def task_config():
-    return TaskConfig

@@ -27,7 +27,7 @@ from hotice.model.importers.house_scenes import front3d_scenes
 from hotice.replay.picture import CATEGORY_COLORS
 from hotice.replay.solids import obstacle_triangles, outline, placed
 
-FIXTURE = Path(__file__).parent.parent / "tests" / "model" / "data" / "front3d"
+FIXTURE = Path(__file__).parent.parent / "tests" / "model" / "importers" / "data" / "front3d"
 LIGHT = np.array([-0.35, -0.55, 0.76])
 CUT_M, WALL_CUT_M = 2.1, 0.25
 """Scenes are drawn up to this height, walls lower to leave the view free."""

@@ -20,7 +20,8 @@ from hotice.model.generate import Traversal, check_traversable, generate
 from hotice.model.generate.families import LARGEST_M, LOADS_M
 from hotice.model.generate.sets import SETS, draw_entry
 from hotice.model.generate.typical import TYPICAL
-from hotice.model.scene import CATEGORIES, SHIPPED, load_scenes
+from hotice.model.scene import CATEGORIES
+from hotice.model.shipped import SHIPPED, load_scenes
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402

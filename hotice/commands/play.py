@@ -13,7 +13,7 @@ from hotice.evaluate.record import failures_first, record_rollouts
 from hotice.files import check_writable
 from hotice.learn.policy import load_policy
 from hotice.model.object_range import ObjectRange
-from hotice.model.scene_sets import resolve_scenes
+from hotice.model.shipped import resolve_scenes
 from hotice.replay import RolloutRecord, write_html, write_overview
 from hotice.replay.video import write_video
 from hotice.sim.carry_bank import CarryBank

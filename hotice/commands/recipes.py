@@ -12,7 +12,7 @@ import tyro
 from hotice import checks
 from hotice.commands.paper_tables import TABLES
 from hotice.errors import InvalidConfig, UnknownName
-from hotice.task.config import PRESETS
+from hotice.task.presets import PRESETS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ from hotice.learn.checkpoints.trained_on import TrainedOn
 from hotice.learn.checkpoints.training_scenes import whole_record
 from hotice.learn.policy import load_policy
 from hotice.learn.train.config import TrainConfig
-from hotice.model.scene_sets import resolve_scenes
+from hotice.model.shipped import resolve_scenes
 from hotice.version import source_version
 
 FORMAT = "hotice-tables/1"

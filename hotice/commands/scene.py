@@ -143,8 +143,7 @@ def list_scenes() -> int:
     from rich.console import Console
 
     from hotice.model.generate.families import FAMILIES
-    from hotice.model.scene import shipped_scenes, shipped_sets
-    from hotice.model.scene_sets import FAMILY_PREFIX
+    from hotice.model.shipped import FAMILY_PREFIX, shipped_scenes, shipped_sets
 
     console = Console(highlight=False)
     console.print("[bold]scenes[/]  " + ", ".join(shipped_scenes()))
@@ -163,7 +162,7 @@ def generate(config: Flat[GenerateConfig]) -> int:
 
     from hotice.files import make_folder
     from hotice.model.generate.families import generate_from_text
-    from hotice.model.scene_sets import FAMILY_PREFIX
+    from hotice.model.shipped import FAMILY_PREFIX
 
     if not config.families:
         raise InvalidConfig(f"no family is given: {FAMILY_PREFIX}NAME:COUNT or ...:SEED, see `hotice scene list`")
@@ -204,7 +203,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _resolve(items: Sequence[str]) -> list[Scene]:
-    from hotice.model.scene_sets import resolve_scenes
+    from hotice.model.shipped import resolve_scenes
 
     if not items:
         raise InvalidConfig("no scene is given: see `hotice scene list`")

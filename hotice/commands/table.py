@@ -68,7 +68,8 @@ def reproduce(config: Flat[ReproduceConfig]) -> int:
 def export(config: Flat[ExportConfig]) -> int:
     """Write a policy as one ONNX file."""
     from hotice.learn.checkpoints.trained_on import in_words
-    from hotice.learn.policy import export_onnx, torch_policy
+    from hotice.learn.export import export_onnx
+    from hotice.learn.policy import torch_policy
 
     check_writable(config.out)
     policy = torch_policy(config.policy)

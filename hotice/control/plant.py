@@ -57,16 +57,19 @@ class TorquePlant:
     def measure(self) -> Measurement:
         """The true state; contact forces are those of the last physics step."""
         q, v = self.data.qpos.copy(), self.data.qvel.copy()
-        held = {"p_WO": q[27:30], "quat_WO": q[30:34], "v_WO": v[26:29], "w_WO_O": v[29:32]} if self.carries else {}
+        held = {}
+        if self.carries:
+            held = {"p_WO": q[g1.OBJECT_POS], "quat_WO": q[g1.OBJECT_QUAT]}
+            held |= {"v_WO": v[g1.OBJECT_VEL], "w_WO_O": v[g1.OBJECT_RATE]}
         foot, hand = self.contact_forces()
         return Measurement(
             time_s=self.data.time,
-            joint_pos=q[7:27],
-            joint_vel=v[6:26],
-            p_WP=q[:3],
-            quat_WP=q[3:7],
-            v_WP=v[:3],
-            w_WP_P=v[3:6],
+            joint_pos=q[g1.JOINT_POS],
+            joint_vel=v[g1.JOINT_VEL],
+            p_WP=q[g1.ROOT_POS],
+            quat_WP=q[g1.ROOT_QUAT],
+            v_WP=v[g1.ROOT_VEL],
+            w_WP_P=v[g1.ROOT_RATE],
             foot_force_W=foot,
             hand_force_W=hand,
             **held,

@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from hotice.evaluate.referees import GOAL_M, STAY_S
+from hotice.evaluate.referees import STAY_S
 from hotice.evaluate.seeds import TrialSeeds
 from hotice.fields.bank import FieldBank
 from hotice.model.carry import CarryState
@@ -21,24 +21,12 @@ from hotice.model.scene import Scene
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 from hotice.task.config import TaskConfig
+from hotice.task.contract import ROWS, STEP, UNITS
 from hotice.task.protocols import get_protocol
+from hotice.task.rules import GOAL_M
 
 CPU = torch.device("cpu")
-KEPT = (
-    "leg_scale_rad",
-    "arm_scale_rad",
-    "action_limit",
-    "speed_m_s",
-    "stop_gain_hz",
-    "gait_hz",
-    "swing_height_m",
-    "resolution_m",
-    "margin_m",
-    "scan",
-    "history",
-    "physics_dt_s",
-    "substeps",
-)
+KEPT = (*STEP, *UNITS, *ROWS, "swing_height_m")
 """What a policy's own task decides; of the physics step and its number only the control period remains."""
 
 

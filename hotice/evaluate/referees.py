@@ -1,7 +1,6 @@
 """Referees, who decide how a trial went: pure functions of what was seen in each control step.
 
-Both referees know the same events, and the first one decides; in one step a diverged simulation comes before a fall, a
-fall before a drop, a drop before a collision, the robot's before the object's, and any of them before success. They
+Both referees know the same events, and the first one decides, within a step by `hotice.task.rules.PRECEDENCE`. They
 differ in what a collision is:
 
 - `exact`: a link of the robot, or the object, touches an obstacle in any physics step; full geometry.
@@ -19,11 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hotice.errors import InvalidConfig, UnknownName
-from hotice.sim.terminations import OUTCOMES
+from hotice.task import rules
+from hotice.task.rules import OUTCOMES
 
 REFEREES = ("exact", "points")
-GOAL_M = 0.1
-"""Success: the root comes this near to the goal, horizontally (paper)."""
 DEEP_M = 0.04
 """Depth at which a point collides, by the points rule."""
 FREE_STEPS = 50
@@ -100,19 +98,18 @@ def points(signals: Signals, limit: int) -> Verdict:
 
 
 def _first(signals: Signals, limit: int, robot: np.ndarray, load: np.ndarray) -> Verdict:
-    """The first event of each trial; the later an event in the list, the sooner it is preferred within a step."""
-    code = np.zeros(signals.goal_m.shape, dtype=np.int64)
-    code[limit - 1 :] = OUTCOMES.index("timeout")
-    for name, seen in (
-        ("success", signals.goal_m < GOAL_M),
-        ("object_collision", load),
-        ("robot_collision", robot),
-        ("drop", signals.drop),
-        ("fall", signals.fall),
-        ("unstable", signals.unstable),
-    ):
-        code[seen] = OUTCOMES.index(name)
-    code = code[:limit]
+    """The first event of each trial."""
+    seen = {name: getattr(signals, name) for name in ("unstable", "fall", "drop")}
+    late = np.zeros(signals.goal_m.shape, dtype=bool)
+    late[limit - 1 :] = True
+    code = rules.outcome_code(
+        np.zeros(signals.goal_m.shape, dtype=np.int64),
+        **seen,
+        robot_collision=robot,
+        object_collision=load,
+        success=rules.arrived(signals.goal_m),
+        timeout=late,
+    )[:limit]
     at = (code > 0).argmax(axis=0)
     return Verdict(code[at, np.arange(code.shape[1])], at + 1)
 
@@ -137,7 +134,7 @@ def afterwards(signals: Signals, limit: int, stay: int) -> Afterwards:
 
     distance_m: root to goal at the time limit, of failures and of whoever falls or drops later where that happened.
     standing: arrived, and up to the limit upright, with the load in the hands and free of contact. stayed: arrived,
-    within 0.1 m `stay` steps later and upright until then, also where that is after the limit.
+    there `stay` steps later and upright until then, also where that is after the limit.
     """
     verdict = exact(signals, limit)
     trials, last = np.arange(len(verdict.code)), len(signals.goal_m) - 1
@@ -149,7 +146,7 @@ def afterwards(signals: Signals, limit: int, stay: int) -> Afterwards:
     touch_at = np.where(touch.any(axis=0), touch.argmax(axis=0), last + 1)
     end = np.where(arrived, np.minimum(down_at, min(limit - 1, last)), at)
     then = np.minimum(at + stay, last)
-    near = (signals.goal_m[then, trials] < GOAL_M) & (down_at > then)
+    near = rules.arrived(signals.goal_m[then, trials]) & (down_at > then)
     return Afterwards(
         distance_m=signals.goal_m[end, trials],
         standing=arrived & (np.minimum(down_at, touch_at) >= limit),

@@ -28,7 +28,7 @@ from hotice.model.carry import CarryState
 from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Scene
 from hotice.model.scene_digest import scene_digest
-from hotice.model.scene_sets import resolve_scenes
+from hotice.model.shipped import resolve_scenes
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 from hotice.sim.physics.mujoco_batch import MujocoBatch

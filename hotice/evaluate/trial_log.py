@@ -9,12 +9,12 @@ import torch
 from torch import Tensor
 
 from hotice.evaluate import referees
-from hotice.evaluate.referees import GOAL_M, STAY_S, Signals
+from hotice.evaluate.referees import STAY_S, Signals
 from hotice.evaluate.trials import Trials
 from hotice.fields.bank import FieldBank
 from hotice.sim.env import Step
 from hotice.sim.snapshot import NUM_SGF
-from hotice.sim.terminations import OUTCOMES
+from hotice.task.rules import OUTCOMES, arrived
 
 BODY_POINTS = NUM_SGF + 2
 """Points of the body that the points rule looks at: the keypoints of the SGF and the hands, the first of
@@ -47,7 +47,7 @@ class TrialLog:
         self.steps.append(signals)
         now = len(self.steps)
         self.failed |= (self.arrived_at == 0) & (signals.over | signals.robot_hit | signals.object_hit)
-        arrives = (self.arrived_at == 0) & ~self.failed & (signals.goal_m < GOAL_M) & (now <= self.limit)
+        arrives = (self.arrived_at == 0) & ~self.failed & arrived(signals.goal_m) & (now <= self.limit)
         self.arrived_at[arrives] = now
         until = np.where(self.arrived_at > 0, np.maximum(self.limit, self.arrived_at + self.stay), self.limit)
         ends = signals.over | (now >= until)

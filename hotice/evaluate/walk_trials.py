@@ -22,14 +22,15 @@ import torch
 from hotice.errors import CarryInfeasible, UnreachableGoal
 from hotice.evaluate.conditions import Conditions, start_trials
 from hotice.evaluate.config import PAPER_S
-from hotice.evaluate.referees import GOAL_M, REFEREES, Signals
+from hotice.evaluate.referees import REFEREES, Signals
 from hotice.evaluate.trial_log import BODY_POINTS, TrialLog
 from hotice.evaluate.trials import Trials
 from hotice.fields.hod_pf import HodPf, build_hod_pf
 from hotice.model import builder, g1
 from hotice.sim.physics.mujoco_batch import unlogged
 from hotice.sim.snapshot import POINTS
-from hotice.sim.terminations import APART_M, FALLEN_M, LOW_M, UPRIGHT
+from hotice.task.judge import Judge
+from hotice.task.rules import arrived
 
 if TYPE_CHECKING:
     from hotice.control.plant import TorquePlant
@@ -37,9 +38,6 @@ if TYPE_CHECKING:
     from hotice.model.carry import CarryState
     from hotice.model.scene import Scene
     from hotice.sim.env import TransportEnv
-
-FASTEST = 1e3
-"""Limit of any velocity [m/s or rad/s]: what is faster has diverged."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +118,7 @@ def _score(
             )
         while log.running.any():
             run.look()
-            if (run.distance_m < GOAL_M and not log.arrived_at.any()) or len(log.steps) + 1 >= limit:
+            if (arrived(run.distance_m) and not log.arrived_at.any()) or len(log.steps) + 1 >= limit:
                 run.see_contacts()
             log.see(_signals(run, state, log))
     return log.trials().rounded(6)
@@ -184,7 +182,7 @@ class Walk:
         self.plant, self.scene, self.log, self.clearance_m = plant, scene, log, plan.profile.clearance_m
         self.controller = WalkController(plan, state, config)
         self.memory = self.controller.start(measurement)
-        self.hands = [plant.model.site(f"{s}_hand").id for s in g1.SIDES]
+        self.judge = Judge(plant.model)
         dt = plant.model.opt.timestep
         self.substeps = round(1.0 / self.controller.rate_hz / dt)
         self.every = max(1, round(look_s / (self.substeps * dt)))
@@ -228,9 +226,9 @@ class Walk:
             mujoco.mj_forward(self.plant.model, self.plant.data)
             self.touched |= self.hits()
 
-    def failure(self) -> str | None:
-        """A diverged state, fall or drop."""
-        return failure(self.plant, self.hands)
+    def failure(self) -> str:
+        """A diverged state, fall or drop; empty for none."""
+        return self.judge.failure(self.plant.data)
 
 
 def run_trial(
@@ -268,13 +266,13 @@ def run_trial(
             distance = run.distance_m
         if run.time_s <= PAPER_S + 1e-9:
             distance_5s = run.distance_m
-        if distance < GOAL_M or run.time_s >= horizon_s - 1e-9:
+        if arrived(distance) or run.time_s >= horizon_s - 1e-9:
             run.see_contacts()
         robot, load = run.touched
         failed = run.failure() or ("robot_collision" if robot else "object_collision" if load else None)
         if failed:
             return Trial(failed, run.time_s, distance, distance_5s, run.faults, run.step_ms, run.clearance_m)
-        if not np.isfinite(reached_s) and distance < GOAL_M:
+        if not np.isfinite(reached_s) and arrived(distance):
             reached_s, outcome = run.time_s, "success"
         if run.time_s >= reached_s + stay_s:
             break
@@ -293,20 +291,6 @@ def ankles(plant: TorquePlant) -> tuple[float, float, float]:
     R = plant.data.body("pelvis").xmat.reshape(3, 3)
     x, y = np.mean(feet, axis=0)
     return float(x), float(y), float(np.arctan2(R[1, 0], R[0, 0]))
-
-
-def failure(plant: TorquePlant, hands: list[int]) -> str | None:
-    """Failure of the present state by the task's rules: diverged, fall, drop or None; `hands`: ids of the sites."""
-    data = plant.data
-    if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all() and np.abs(data.qvel).max() <= FASTEST):
-        return "unstable"
-    R = data.body("pelvis").xmat.reshape(3, 3)
-    if data.qpos[2] < FALLEN_M or R[2, 2] < UPRIGHT:
-        return "fall"
-    box = data.qpos[27:30]
-    if np.linalg.norm(box - data.site_xpos[hands].mean(axis=0)) > APART_M or box[2] < LOW_M:
-        return "drop"
-    return None
 
 
 def has_hits(plant: TorquePlant) -> Callable[[], np.ndarray] | None:

@@ -17,6 +17,7 @@ from hotice.errors import InvalidConfig, UnknownName
 from hotice.fields import cache as cached
 from hotice.fields import clearance, sample, torch_sample
 from hotice.fields.clearance import Spheres
+from hotice.fields.defaults import MARGIN_M, RESOLUTION_M
 from hotice.fields.hod_pf import check_margin
 from hotice.fields.potential import FieldParams
 from hotice.fields.reachability import check_reachable, joins_start
@@ -66,8 +67,8 @@ class FieldBank:
     def build(
         cls,
         scenes: Sequence[Scene],
-        resolution_m: float = 0.04,
-        margin_m: float = 0.08,
+        resolution_m: float = RESOLUTION_M,
+        margin_m: float = MARGIN_M,
         params: FieldParams | None = None,
         progress: bool = False,
         workers: int | None = None,

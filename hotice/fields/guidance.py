@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.fields.command import navigation_command
+from hotice.fields.defaults import SPEED_M_S, STOP_GAIN_HZ
 from hotice.fields.hod_pf import HodPf
 from hotice.model import g1
 from hotice.model.frames import quat_to_mat
@@ -21,8 +22,6 @@ from hotice.model.robot_state import RobotState
 Array = NDArray[np.float64]
 NUM_SGF, NUM_HANDS = len(g1.SGF_KEYPOINTS), len(g1.OGF_KEYPOINTS)
 _STEERED = [g1.SGF_KEYPOINTS.index(name) for name in g1.STEERED_KEYPOINTS]
-SPEED_M_S, STOP_GAIN_HZ = 0.7, 3.0
-"""Walking speed, and speed per distance near the goal, of the navigation command: the task's defaults."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

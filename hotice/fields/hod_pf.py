@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.fields.defaults import MARGIN_M, RESOLUTION_M
 from hotice.fields.grid import Grid
 from hotice.fields.potential import FieldParams, u_rep
 from hotice.fields.reachability import joins_start
@@ -151,7 +152,7 @@ def check_margin(margin_m: object) -> float:
 
 
 def build_hod_pf(
-    scene: Scene, resolution_m: float = 0.04, margin_m: float = 0.08, params: FieldParams | None = None
+    scene: Scene, resolution_m: float = RESOLUTION_M, margin_m: float = MARGIN_M, params: FieldParams | None = None
 ) -> HodPf:
     """Solves both fields of a scene.
 

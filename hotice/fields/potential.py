@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from hotice import checks
 from hotice.checks import Range
 from hotice.compiled import compiled
+from hotice.fields.defaults import ETA
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +20,7 @@ class FieldParams:
 
     influence_distance_m: float = 0.2
     """d0: obstacles farther away do not repel [m] (paper, IV-A)."""
-    attraction: float = 0.6
+    attraction: float = ETA
     """eta: size of the attractive force, a speed in m/s when read as a command (paper)."""
     repulsion: float = 1e-3
     """xi (paper)."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import UnreachableGoal
+from hotice.fields.defaults import MARGIN_M, RESOLUTION_M
 from hotice.fields.geodesic.fast_marching import solve_geodesic
 from hotice.fields.grid import Grid
 from hotice.fields.solids import Space
@@ -18,7 +19,7 @@ _ROUNDING = 1e-9
 MARGIN_STEP_M = 0.01
 
 
-def check_reachable(scene: Scene, resolution_m: float = 0.04, margin_m: float = 0.08) -> None:
+def check_reachable(scene: Scene, resolution_m: float = RESOLUTION_M, margin_m: float = MARGIN_M) -> None:
     """Raises `UnreachableGoal` unless free paths lead from the start at pelvis height to the goal, also at the margin.
 
     The message says what is in the way, which reachable point is nearest, and from which margin on the way opens.

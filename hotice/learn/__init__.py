@@ -10,8 +10,10 @@ if TYPE_CHECKING:
     from hotice.learn.checkpoints.trained_on import TrainedOn
     from hotice.learn.distill.config import DistillConfig, FinetuneConfig
     from hotice.learn.distill.dagger import DistillRunner
-    from hotice.learn.policy import Policy, check_export, export_onnx, load_policy, torch_policy
-    from hotice.learn.train.config import PpoConfig, TrainConfig
+    from hotice.learn.export import check_export, export_onnx
+    from hotice.learn.policy import Policy, load_policy, torch_policy
+    from hotice.learn.ppo.config import PpoConfig
+    from hotice.learn.train.config import TrainConfig
     from hotice.learn.train.runner import Runner
 else:
     __getattr__, __dir__ = lazy_face(__name__)

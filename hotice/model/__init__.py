@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from hotice.model.object_range import ObjectRange
     from hotice.model.objects import Box, CarriedObject, Cylinder, Sphere
     from hotice.model.robot_state import RobotState
-    from hotice.model.scene import Obstacle, Scene, load_scene, load_scenes, shipped_scenes
+    from hotice.model.scene import Obstacle, Scene
+    from hotice.model.shipped import load_scene, load_scenes, shipped_scenes
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 

@@ -18,11 +18,10 @@ from hotice import checks
 from hotice.checks import Range
 from hotice.errors import CarryInfeasible
 from hotice.model import builder, g1, self_contact
-from hotice.model.frames import quat_from_axis_angle
+from hotice.model.frames import GRAVITY, quat_from_axis_angle
 from hotice.model.least_squares import minimize
 from hotice.model.objects import Box, CarriedObject, Cylinder
 
-GRAVITY = 9.81
 ARM_TORQUE_SHARE = 0.85  # of the limit; the rest is for moving
 MAX_GAP_M = 0.0015
 PRELOAD_M = 0.0003
@@ -94,7 +93,7 @@ class _Kinematics:
         self.model = _robot()
         self.data = mujoco.MjData(self.model)
         self.quat_WP = quat_from_axis_angle([0.0, 1.0, 0.0], np.asarray(posture.lean_rad))
-        self.q = np.zeros(20)
+        self.q = np.zeros(g1.ACTIONS)
         self.wrist = np.zeros(6)
         self.qpos_of = {j: self.model.joint(j).qposadr[0] for j in g1.ALL_JOINTS}
         self.action_qpos = [self.qpos_of[j] for j in g1.ACTION_JOINTS]
@@ -117,8 +116,8 @@ class _Kinematics:
 
     def update(self) -> None:
         """Places the pelvis at the origin, orientation of the posture, joints at `self.q`."""
-        self.data.qpos[:3] = 0.0
-        self.data.qpos[3:7] = self.quat_WP
+        self.data.qpos[g1.ROOT_POS] = 0.0
+        self.data.qpos[g1.ROOT_QUAT] = self.quat_WP
         self.data.qpos[self.action_qpos] = self.q
         self.data.qpos[self.wrist_qpos] = self.wrist
         mujoco.mj_kinematics(self.model, self.data)

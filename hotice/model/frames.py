@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "GRAVITY",
     "mat_to_quat",
     "normalize",
     "quat_conj",
@@ -14,9 +17,13 @@ __all__ = [
     "quat_mul",
     "quat_rotate",
     "quat_to_mat",
+    "rotation_y",
+    "rotation_z",
     "yaw_from_quat",
 ]
 
+GRAVITY = 9.81
+"""Along -z of the world [m/s²], as in every model that a simulator runs."""
 Array = NDArray[np.float64]
 
 
@@ -24,6 +31,18 @@ def normalize(v: ArrayLike, eps: float = 1e-12) -> Array:
     """Scales the last axis to length one; vectors shorter than `eps` come back as they are (divided by `eps`)."""
     v = np.asarray(v, dtype=float)
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), eps)
+
+
+def rotation_z(yaw_rad: float) -> Array:
+    """Rotation matrix about z, (3, 3): R_AB of a frame B that heads `yaw_rad` to the left of A; of -yaw: R_BA."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_y(pitch_rad: float) -> Array:
+    """Rotation matrix about y, (3, 3); positive leans forward."""
+    c, s = math.cos(pitch_rad), math.sin(pitch_rad)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def quat_mul(a: ArrayLike, b: ArrayLike) -> Array:

@@ -50,6 +50,16 @@ ACTION_JOINTS = LEG_JOINTS + ARM_JOINTS
 """The 20 joints the policy commands, in action order: a = [a_low (12), a_up (8)] (paper, section IV-B)."""
 LOWER = slice(0, len(LEG_JOINTS))
 UPPER = slice(len(LEG_JOINTS), len(ACTION_JOINTS))
+ACTIONS = len(ACTION_JOINTS)
+
+# Configuration and velocity of the robot with a free root and the joints of `ACTION_JOINTS`, in MuJoCo (quaternion
+# wxyz) and Pinocchio (xyzw, and the root's velocity in P); all joints have the root in the same place.
+ROOT_POS, ROOT_QUAT, JOINT_POS = slice(0, 3), slice(3, 7), slice(7, 7 + ACTIONS)
+ROOT_VEL, ROOT_RATE, JOINT_VEL = slice(0, 3), slice(3, 6), slice(6, 6 + ACTIONS)
+
+# what a MuJoCo model with an object has behind them
+OBJECT_POS, OBJECT_QUAT = slice(JOINT_POS.stop, JOINT_POS.stop + 3), slice(JOINT_POS.stop + 3, JOINT_POS.stop + 7)
+OBJECT_VEL, OBJECT_RATE = slice(JOINT_VEL.stop, JOINT_VEL.stop + 3), slice(JOINT_VEL.stop + 3, JOINT_VEL.stop + 6)
 
 ALL_JOINTS = LEG_JOINTS + WAIST_JOINTS + tuple(f"{side}_{j}_joint" for side in SIDES for j in _ARM + _WRIST)
 """The 29 joints in the order of the published description."""

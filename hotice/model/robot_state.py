@@ -115,7 +115,15 @@ class RobotState:
         if carried is not None:
             x, v = qpos[-BASE_NQ:], qvel[-BASE_NV:]
             held = {"carried": carried, "p_WO": x[:3], "quat_WO": x[3:], "v_WO": v[:3], "w_WO_O": v[3:]}
-        return cls(p_WP=qpos[:3], quat_WP=qpos[3:7], joint_pos=q, v_WP=qvel[:3], w_WP_P=qvel[3:6], joint_vel=qd, **held)
+        return cls(
+            p_WP=qpos[g1.ROOT_POS],
+            quat_WP=qpos[g1.ROOT_QUAT],
+            joint_pos=q,
+            v_WP=qvel[g1.ROOT_VEL],
+            w_WP_P=qvel[g1.ROOT_RATE],
+            joint_vel=qd,
+            **held,
+        )
 
     @classmethod
     def from_carry(cls, state: CarryState) -> RobotState:

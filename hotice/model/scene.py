@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hotice import checks
 from hotice.checks import shown
-from hotice.errors import InputError, InvalidScene, OutputError, UnknownName
+from hotice.errors import InputError, InvalidScene, OutputError
 from hotice.files import read_bytes, write_bytes
 from hotice.model.frames import quat_to_mat
 from hotice.model.geometry.lengths import COORDINATE
@@ -35,7 +35,6 @@ MAX_FILE_BYTES = 16 * 2**20
 MAX_OBSTACLES = 5000
 COLUMN_HEIGHTS_M = (*(0.1 * i for i in range(1, 13)), GOAL_HEIGHT_M)
 """Heights at which start and goal must be clear of obstacles."""
-SHIPPED = Path(__file__).resolve().parent.parent / "scenes"
 
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
@@ -202,55 +201,6 @@ class Scene:
     def renamed(self, name: str) -> Scene:
         """The same scene under another name."""
         return replace(self, name=name)
-
-
-def shipped_scenes() -> tuple[str, ...]:
-    """Names of the single scenes that come with hotice; for those of a set see `shipped_sets`."""
-    return tuple(sorted(p.stem for p in SHIPPED.glob("*.json")))
-
-
-def shipped_sets() -> dict[str, tuple[str, ...]]:
-    """The benchmark sets that come with hotice: names of their scenes, `<set>/<scene>`, by name of the set."""
-    folders = sorted(p for p in SHIPPED.iterdir() if p.is_dir())
-    sets = {f.name: tuple(f"{f.name}/{p.stem}" for p in sorted(f.glob("*.json"))) for f in folders}
-    return {name: scenes for name, scenes in sets.items() if scenes}
-
-
-def load_scene(name_or_path: str | Path) -> Scene:
-    """A shipped scene by name, or a scene file by path. Raises `UnknownName` (listing the names) or `InvalidScene`."""
-    text = str(name_or_path)
-    folder, _, rest = text.rpartition("/")
-    if text in shipped_scenes() or text in shipped_sets().get(folder, ()):
-        return Scene.load(SHIPPED / folder / f"{rest}.json")
-    path = Path(text)
-    if path.suffix == ".json" or len(path.parts) > 1 or _is(path.is_file):
-        return Scene.load(path)
-    raise UnknownName("scene", text, (*shipped_scenes(), *shipped_sets()), "the path of a .json file")
-
-
-def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
-    """Scenes by name, set, file or folder (its .json files, sorted). Raises as `load_scene`, also for empty folders."""
-    scenes: list[Scene] = []
-    for item in items:
-        names = shipped_sets().get(str(item))
-        if names is not None:
-            scenes += [load_scene(name) for name in names]
-        elif str(item) and str(item) not in shipped_scenes() and _is(Path(item).is_dir):
-            files = sorted(Path(item).glob("*.json"))
-            if not files:
-                raise InvalidScene(f"{item}: the folder holds no .json scene file")
-            scenes += [Scene.load(file) for file in files]
-        else:
-            scenes.append(load_scene(item))
-    return scenes
-
-
-def _is(question: Callable[[], bool]) -> bool:
-    """The answer about a path; False for text that no path can be."""
-    try:
-        return question()
-    except (OSError, ValueError):
-        return False
 
 
 def _check_name(kind: str, name: object) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hotice.fields.alignment import observed
 from hotice.model.carry import CarryState
+from hotice.model.frames import rotation_z
 from hotice.policy.guidance import NUM_FIELD, FieldReading
 from hotice.policy.percept import NUM_SGF, Percept
 from hotice.task import history
@@ -75,8 +76,7 @@ def observe(
     scan; `past` (H,): what it read in the steps before, see `remember`.
     """
     yaw = float(percept.yaw[0])
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    R_WY = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])  # v_Y = v_W @ R_WY
+    R_WY = rotation_z(yaw)  # v_Y = v_W @ R_WY
     error = float(reading.heading_error[0])
     rows = (
         0.25 * percept.w_WP_P,

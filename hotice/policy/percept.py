@@ -92,7 +92,7 @@ class PerceptModel:
         percept.p_WP[:] = data.xpos[self._pelvis]
         percept.yaw[0] = math.atan2(R_WP[3], R_WP[0])
         np.negative(R_WP[6:], out=percept.gravity_P)
-        percept.w_WP_P[:] = qvel[3:6]
+        percept.w_WP_P[:] = qvel[g1.ROOT_RATE]
         percept.q[:], percept.qd[:] = qpos[self._q], qvel[self._qd]
         percept.p_WK[:] = data.site_xpos[self._sites]
         percept.p_WO[:], percept.R_WO[:] = p_WO, R_WO

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.fields import FieldParams, build_hod_pf
+from hotice.fields.defaults import MARGIN_M
 from hotice.model.scene import Scene
 from hotice.replay.slices import draw_descent, draw_slice
 
@@ -27,7 +28,7 @@ def field_explorer(scene: Scene, starts_W: NDArray[np.float64], *, plane: str = 
     """
     import ipywidgets
 
-    picture = ipywidgets.Image(value=_picture(scene, starts_W, plane, at_m, 0.08, FieldParams()), format="png")
+    picture = ipywidgets.Image(value=_picture(scene, starts_W, plane, at_m, MARGIN_M, FieldParams()), format="png")
     sliders = _sliders()
 
     def update(_: Any) -> None:
@@ -50,7 +51,7 @@ def _sliders() -> list[ipywidgets.Widget]:
         "style": {"description_width": "9em"},
     }
     return [
-        FloatSlider(0.08, min=0.0, max=0.3, step=0.01, description="margin m [m]", **options),
+        FloatSlider(MARGIN_M, min=0.0, max=0.3, step=0.01, description="margin m [m]", **options),
         FloatSlider(paper.influence_distance_m, min=0.05, max=0.6, step=0.05, description="reach d0 [m]", **options),
         FloatLogSlider(paper.repulsion, min=-5, max=-1, description="repulsion xi", readout_format=".1e", **options),
         FloatSlider(paper.attraction, min=0.1, max=1.5, step=0.1, description="attraction eta", **options),

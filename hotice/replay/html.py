@@ -18,9 +18,8 @@ from hotice.files import write_bytes
 from hotice.model import Box, CarriedObject, Cylinder, Obstacle
 from hotice.replay.rollout import RolloutRecord
 from hotice.replay.solids import obstacle_geom, obstacle_triangles
+from hotice.task.rules import GOAL_M
 
-GOAL_RADIUS_M = 0.1
-"""Success means the root within this distance of the goal; drawn as a ring."""
 _PLACE = re.compile(r"/\*\{\{(\w+)\}\}\*/")
 
 
@@ -38,7 +37,7 @@ def write_html(records: Sequence[RolloutRecord], path: str | Path, *, frames_per
     """
     if not records:
         raise HoticeError("a replay page needs at least one rollout: none was given")
-    page = {"goal_radius_m": GOAL_RADIUS_M, "records": [_pack(r.every(1.0 / frames_per_s)) for r in records]}
+    page = {"goal_radius_m": GOAL_M, "records": [_pack(r.every(1.0 / frames_per_s)) for r in records]}
     folder = files("hotice.replay")
     parts = {
         "css": (folder / "viewer.css").read_text(encoding="utf-8"),

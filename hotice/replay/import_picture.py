@@ -15,9 +15,9 @@ from matplotlib.patches import Circle, FancyArrow
 
 from hotice.files import write_bytes
 from hotice.model.importers.scene_import import FLOOR, KEPT, NOISE, Imported
-from hotice.replay.html import GOAL_RADIUS_M
 from hotice.replay.picture import CATEGORY_COLORS, GOAL_COLOR, SGF_COLOR
 from hotice.replay.solids import obstacle_triangles, outline, placed
+from hotice.task.rules import GOAL_M
 
 DRAWN_POINTS = 60_000
 FLOOR_COLOR, NOISE_COLOR = "#cbd5e1", "#dc2626"
@@ -71,7 +71,7 @@ def _draw(axes: Axes, imported: Imported, plane: tuple[int, int]) -> None:
         axes.add_patch(
             FancyArrow(x, y, 0.3 * math.cos(yaw), 0.3 * math.sin(yaw), width=0.03, color=SGF_COLOR, zorder=8)
         )
-        axes.add_patch(Circle(scene.goal, GOAL_RADIUS_M, fill=False, edgecolor=GOAL_COLOR, linewidth=2, zorder=8))
+        axes.add_patch(Circle(scene.goal, GOAL_M, fill=False, edgecolor=GOAL_COLOR, linewidth=2, zorder=8))
     else:
         for x, color in ((scene.start[0], SGF_COLOR), (scene.goal[0], GOAL_COLOR)):
             axes.plot([x, x], [0.0, 0.75], color=color, linewidth=2, marker="o", markevery=[1], zorder=8)

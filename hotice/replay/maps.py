@@ -11,9 +11,9 @@ from matplotlib.patches import Circle, FancyArrow
 from numpy.typing import NDArray
 
 from hotice.model.scene import Scene
-from hotice.replay.html import GOAL_RADIUS_M
 from hotice.replay.picture import CATEGORY_COLORS, GOAL_COLOR, ROOT_COLOR
 from hotice.replay.solids import obstacle_geom, obstacle_triangles, outline, placed
+from hotice.task.rules import GOAL_M
 
 _ALPHA = {"ground": 0.85, "side": 0.75, "overhead": 0.35}
 """What hangs overhead lets see what is below."""
@@ -39,7 +39,7 @@ def draw_map(axes: Axes, scene: Scene, path_W: NDArray[np.float64] | None = None
         axes.plot(*np.asarray(path_W)[:, :2].T, color=ROOT_COLOR, linewidth=1.6, zorder=5)
     x, y, yaw = scene.start
     axes.add_patch(FancyArrow(x, y, 0.2 * math.cos(yaw), 0.2 * math.sin(yaw), width=0.03, color=ROOT_COLOR, zorder=6))
-    axes.add_patch(Circle(scene.goal, GOAL_RADIUS_M, fill=False, edgecolor=GOAL_COLOR, linewidth=2, zorder=6))
+    axes.add_patch(Circle(scene.goal, GOAL_M, fill=False, edgecolor=GOAL_COLOR, linewidth=2, zorder=6))
     low, high = scene.bounds_m
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])

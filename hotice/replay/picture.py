@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from hotice.errors import HoticeError
 from hotice.files import write_bytes
-from hotice.replay.html import GOAL_RADIUS_M, describe
+from hotice.replay.html import describe
 from hotice.replay.rollout import RolloutRecord
 from hotice.replay.solids import obstacle_geom, obstacle_triangles, outline, placed, triangles
+from hotice.task.rules import GOAL_M
 
 Array = NDArray[np.float64]
 CATEGORY_COLORS = {"ground": "#b4533c", "side": "#5f7590", "overhead": "#7a5aa6"}
@@ -149,7 +150,7 @@ def _draw_view(axes: Axes, record: RolloutRecord, plane: list[int], depth: int, 
     axes.plot(*record.object_pos_W[:, plane].T, color=OBJECT_COLOR, linewidth=1.4, zorder=81)
     goal = record.scene.goal
     if top_view:
-        axes.add_patch(Circle(goal, GOAL_RADIUS_M, fill=False, edgecolor=GOAL_COLOR, linewidth=2, zorder=95))
+        axes.add_patch(Circle(goal, GOAL_M, fill=False, edgecolor=GOAL_COLOR, linewidth=2, zorder=95))
     else:
         axes.plot([goal[0]] * 2, [0, 0.75], color=GOAL_COLOR, linewidth=2, zorder=95)
         axes.axhline(0.0, color="#475569", linewidth=1.0, zorder=4)
@@ -288,7 +289,7 @@ def _draw_floor(axes: Axes, record: RolloutRecord, project, look_at: Array) -> N
             points = np.column_stack([line + centre, np.zeros(25)])
             axes.plot(*project(points)[0].T, color="#cbd5e1", linewidth=0.6, zorder=1)
     turn = np.linspace(0, 2 * np.pi, 40)
-    circle = np.array(record.scene.goal) + GOAL_RADIUS_M * np.column_stack([np.cos(turn), np.sin(turn)])
+    circle = np.array(record.scene.goal) + GOAL_M * np.column_stack([np.cos(turn), np.sin(turn)])
     ring = np.column_stack([circle, np.zeros(40)])
     axes.plot(*project(ring)[0].T, color=GOAL_COLOR, linewidth=1.6, zorder=2)
     post = np.array([[*record.scene.goal, 0.0], [*record.scene.goal, 0.75]])

@@ -21,10 +21,9 @@ from hotice.model.geometry.shapes import MeshShape
 from hotice.model.objects import CarriedObject, object_from_dict
 from hotice.model.scene import Scene
 from hotice.replay.solids import SOLIDS
+from hotice.task.rules import OUTCOMES
 
 FORMAT = "hotice-rollout/1"
-OUTCOMES = ("success", "fall", "drop", "robot_collision", "object_collision", "timeout", "unstable", "running")
-"""How a rollout ended; unstable: physics gave no finite state; running: the record stops before the rollout did."""
 MAX_FILE_BYTES = 512 * 2**20
 _TYPE_NAMES = {int(getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}")): name for name in SOLIDS}
 _unpacked: list[tempfile.TemporaryDirectory] = []  # meshes of loaded records, kept until the program ends
@@ -171,7 +170,7 @@ class RolloutRecord:
             scene: drawn around them.
             carried: what is carried.
             time_s: (T,) [s].
-            outcome: one of `OUTCOMES`.
+            outcome: one of `hotice.task.rules.OUTCOMES`; running: the record stops before the rollout did.
             policy: name of what acted.
             arrow_pos_W: (T, K, 3) or None for a record without arrows.
             arrow_force_W: (T, K, 3).

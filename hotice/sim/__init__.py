@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from hotice.sim.snapshot import Snapshot
     from hotice.sim.terminations import TERMINATIONS, Termination
     from hotice.sim.vector_env import HoticeVectorEnv
-    from hotice.task.config import PRESETS, TaskConfig
+    from hotice.task.config import TaskConfig
+    from hotice.task.presets import PRESETS
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from hotice import checks
 from hotice.fields.bank import FieldBank
+from hotice.model import g1
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim.carry_bank import CarryBank
@@ -23,11 +24,14 @@ from hotice.sim.physics.protocol import make_physics
 from hotice.sim.physics.ram import check_memory
 from hotice.sim.reader import Reader
 from hotice.sim.rewards import REWARDS, TERMINATION_PENALTY, RewardTable
-from hotice.sim.sensing import KNOWN_ROWS, Sensors
+from hotice.sim.sensing import Sensors
 from hotice.sim.snapshot import Layout, Memory, Snapshot
-from hotice.sim.terminations import OUTCOMES, TERMINATIONS
+from hotice.sim.terminations import TERMINATIONS
 from hotice.task import history
-from hotice.task.config import TaskConfig, get_preset
+from hotice.task.config import TaskConfig
+from hotice.task.presets import get_preset
+from hotice.task.rules import OUTCOMES, arrived, diverged, outcome_code
+from hotice.task.sensing import KNOWN_ROWS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,8 +158,8 @@ class TransportEnv:
             self.policy_table.columns(KNOWN_ROWS).to(self.device),
             self.layout.chains,
         )
-        scale = torch.full((20,), cfg.leg_scale_rad, device=self.device)
-        scale[12:] = cfg.arm_scale_rad
+        scale = torch.full((g1.ACTIONS,), cfg.leg_scale_rad, device=self.device)
+        scale[g1.UPPER] = cfg.arm_scale_rad
         self.action_scale = scale
         self.unstable = 0
         self.restarts = True
@@ -243,7 +247,7 @@ class TransportEnv:
             truncated=truncated,
             outcome=outcome,
             goal_distance=s.goal_distance,
-            reached=s.goal_distance < self.config.goal_radius_m,
+            reached=self._arrived(s),
             touched=torch.minimum(s.clearance, s.object_clearance) < 0.0,
             scene=scene,
             model=model,
@@ -296,8 +300,7 @@ class TransportEnv:
     def _contain(self, place: Tensor) -> Tensor:
         """Diverged simulations, (N,) bool; until their restart they are held at their last `place` (N, 2) [m]."""
         p = self.physics
-        bad = ~(torch.isfinite(p.qpos).all(dim=1) & torch.isfinite(p.qvel).all(dim=1))
-        bad |= (p.qvel.abs() > 1e3).any(dim=1) | (p.qpos[:, :3].abs() > 1e3).any(dim=1)
+        bad = diverged(p.qpos, p.qvel)
         if bad.any():
             ids = torch.nonzero(bad).squeeze(1)
             self.unstable += len(ids)
@@ -309,25 +312,27 @@ class TransportEnv:
         return bad
 
     def _outcome(self, s: Snapshot, unstable: Tensor) -> Tensor:
-        """Index into `OUTCOMES` of each episode, 0 where it goes on; earlier rows win."""
-        outcome = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
+        """Index into `OUTCOMES` of each episode, 0 where it goes on."""
         timeout = self.memory.step >= self.config.max_steps
         if self.config.goal_stay_s:
             timeout |= self._stayed(s)
-        outcome[timeout] = OUTCOMES.index("timeout")
+        seen = {"timeout": timeout, "unstable": unstable}
         if self.config.end_at_goal:
-            outcome[s.goal_distance < self.config.goal_radius_m] = OUTCOMES.index("success")
-        for row in reversed(TERMINATIONS):
+            seen["success"] = self._arrived(s)
+        for row in TERMINATIONS:
             if self.config.collisions or not row.collision:
-                outcome[row.condition(s)] = OUTCOMES.index(row.name)
-        outcome[unstable] = OUTCOMES.index("unstable")
-        return outcome
+                seen[row.name] = row.condition(s)
+        return outcome_code(torch.zeros(self.num_envs, dtype=torch.int64, device=self.device), **seen)
+
+    def _arrived(self, s: Snapshot) -> Tensor:
+        """Whether each root is at the goal, (N,) bool."""
+        return arrived(s.goal_distance, self.config.goal_radius_m)
 
     def _stayed(self, s: Snapshot) -> Tensor:
         """Mask (N,) of robots that have stood at the goal long enough: drawn, so that nothing is remembered."""
         chance = self.config.control_dt_s / self.config.goal_stay_s
         leaves = torch.rand(self.num_envs, generator=self.generator, device=self.device) < chance
-        return leaves & (s.goal_distance < self.config.goal_radius_m)
+        return leaves & self._arrived(s)
 
     def _start(self, ids: Tensor) -> None:
         m, n = self.memory, len(ids)

@@ -15,7 +15,7 @@ from torch import Tensor
 from hotice.errors import InvalidConfig
 from hotice.sim import terms
 from hotice.sim.snapshot import Snapshot
-from hotice.task.config import LOW, UP, Agent
+from hotice.task.presets import LOW, UP, Agent
 
 L, U, S = (LOW,), (UP,), (LOW, UP)
 

@@ -1,5 +1,7 @@
 """Sensing between the simulated state and the actor: noise, delays and a root pose that is refreshed now and then.
 
+The numbers and rules, those of delays too, are in `hotice.task.sensing`.
+
 Rewards, critics and terminations read the true snapshot; the actor reads what `Sensors.measure` makes of it. The
 estimate of the object is one: its pose in the observation and the points where its field is queried agree. All zero
 (teachers), the actor reads the truth.
@@ -16,10 +18,15 @@ from torch import Tensor
 
 from hotice.sim.encoder_error import turn_joints
 from hotice.sim.snapshot import Motion, Snapshot
-from hotice.task.sensing import TRACK_HEADING, TRACK_PLACE, TRACK_TILT, TRACK_VELOCITY, SensingConfig
-
-KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size", "history")
-"""Rows of the policy observation that no sensor measures now: they are never late. The history keeps what was read."""
+from hotice.task.sensing import (
+    LATE_SHARE,
+    TRACK_HEADING,
+    TRACK_PLACE,
+    TRACK_TILT,
+    TRACK_VELOCITY,
+    SensingConfig,
+    reads_late,
+)
 
 _STATE = ("root", "velocity", "gravity", "object", "age", "action_delay", "late", "seen")
 
@@ -82,14 +89,14 @@ class Sensors:
             draw = torch.randint(0, self.longest_delay + 1, (n,), generator=generator, device=device)
             self.action_delay[ids] = draw
         if self.config.sensor_delay_steps:
-            self.late[ids] = torch.rand(n, generator=generator, device=device) < 0.5
+            self.late[ids] = torch.rand(n, generator=generator, device=device) < LATE_SHARE
         self.age[ids] = 0
         self.velocity[ids] = 0.0
 
     def delay(self, observation: Tensor, ids: Tensor) -> Tensor:
         """What the actors of environments `ids` read of their newest observation (n, O)."""
         # The first measurement of an episode is never late: there is none before it.
-        late = (self.late[ids] & (self.age[ids] > 1))[:, None] & ~self.never_late
+        late = reads_late(self.late[ids], self.age[ids])[:, None] & ~self.never_late
         read = torch.where(late, self.seen[ids], observation)
         self.seen[ids] = observation
         return read

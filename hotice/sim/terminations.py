@@ -8,13 +8,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from hotice.sim.snapshot import HANDS, Snapshot
-
-OUTCOMES = ("running", "success", "fall", "drop", "robot_collision", "object_collision", "timeout", "unstable")
-"""Outcome codes by position."""
-FALLEN_M, UPRIGHT = 0.35, 0.5
-"""Pelvis height and cosine of its lean below which the robot has fallen."""
-APART_M, LOW_M = 0.15, 0.25
-"""Distance from the hands' middle, and height, at which the object is dropped."""
+from hotice.task import rules
 
 
 @dataclass(frozen=True)
@@ -27,14 +21,14 @@ class Termination:
 
 
 def fall(s: Snapshot) -> Tensor:
-    """Pelvis below 0.35 m or leaning by more than 60 degrees."""
-    return (s.p_WP[:, 2] < FALLEN_M) | (s.gravity_P[:, 2] > -UPRIGHT)
+    """The robot has fallen, `hotice.task.rules.fallen`."""
+    return rules.fallen(s.p_WP[:, 2], -s.gravity_P[:, 2])
 
 
 def drop(s: Snapshot) -> Tensor:
-    """Object 15 cm from where the hands hold it, or its centre below 0.25 m."""
+    """The object is dropped, `hotice.task.rules.dropped`."""
     between = s.p_WK[:, HANDS].mean(dim=1)
-    return ((s.p_WO - between).norm(dim=-1) > APART_M) | (s.p_WO[:, 2] < LOW_M)
+    return rules.dropped((s.p_WO - between).norm(dim=-1), s.p_WO[:, 2])
 
 
 def robot_collision(s: Snapshot) -> Tensor:

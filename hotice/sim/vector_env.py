@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hotice.errors import InvalidConfig
 from hotice.sim.env import TransportEnv
-from hotice.sim.terminations import OUTCOMES
+from hotice.task.rules import OUTCOMES
 
 
 class HoticeVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
@@ -31,7 +31,7 @@ class HoticeVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
 
     Info of a step, each with a mask `_key` of the rows it holds for: `agent_rewards` (N, A), `critic` (N, C) privileged
     observations. Where an episode ended: `final_obs`, an object array of observations (O,) before the restart, and
-    `final_info` with `outcome` (N,) (a name of `hotice.sim.terminations.OUTCOMES`), `critic`, `goal_distance_m` and
+    `final_info` with `outcome` (N,) (a name of `hotice.task.rules.OUTCOMES`), `critic`, `goal_distance_m` and
     `episode_steps`.
 
     Args:

@@ -16,7 +16,20 @@ from pydrake.systems.framework import Context, LeafSystem, State
 from hotice import checks
 from hotice.control import Command, Controller, Measurement
 from hotice.errors import InvalidStation
-from hotice.systems.signals import CONTACT_FORCE, JOINT_POS, JOINT_VEL, NQ, ROBOT_STATE
+from hotice.model import g1
+from hotice.model.frames import rotation_z
+from hotice.systems.signals import (
+    CONTACT_FORCE,
+    JOINT_POS,
+    JOINT_VEL,
+    OBJECT_POS,
+    OBJECT_QUAT,
+    OBJECT_RATE,
+    OBJECT_VEL,
+    ROBOT_STATE,
+    ROOT_RATE,
+    ROOT_VEL,
+)
 
 Array = NDArray[np.float64]
 UNKNOWN_PHASE = -1.0
@@ -33,8 +46,7 @@ def measurement_of(
         origin: x, y [m], yaw [rad] of the frame on the floor in which the controller works.
     """
     x, y, yaw = origin
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    R_GW = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    R_GW = rotation_z(-yaw)
     p_WG, half = np.array([x, y, 0.0]), -0.5 * yaw
     turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
 
@@ -49,14 +61,14 @@ def measurement_of(
         time_s=time_s,
         joint_pos=state[JOINT_POS],
         joint_vel=state[JOINT_VEL],
-        p_WP=R_GW @ (state[:3] - p_WG),
-        quat_WP=quat(state[3:7]),
-        v_WP=R_GW @ state[NQ : NQ + 3],
-        w_WP_P=state[NQ + 3 : NQ + 6].copy(),
-        p_WO=R_GW @ (state[36:39] - p_WG),
-        quat_WO=quat(state[39:43]),
-        v_WO=R_GW @ state[NQ + 35 : NQ + 38],
-        w_WO_O=state[NQ + 38 :].copy(),
+        p_WP=R_GW @ (state[g1.ROOT_POS] - p_WG),
+        quat_WP=quat(state[g1.ROOT_QUAT]),
+        v_WP=R_GW @ state[ROOT_VEL],
+        w_WP_P=state[ROOT_RATE].copy(),
+        p_WO=R_GW @ (state[OBJECT_POS] - p_WG),
+        quat_WO=quat(state[OBJECT_QUAT]),
+        v_WO=R_GW @ state[OBJECT_VEL],
+        w_WO_O=state[OBJECT_RATE].copy(),
         foot_force_W=force[:2],
         hand_force_W=force[2:],
     )

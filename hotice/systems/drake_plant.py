@@ -120,7 +120,8 @@ class DrakePlant(Diagram):
 
     def _positions(self, qpos: Array) -> Array:
         q = np.zeros(self.plant.num_positions())
-        q[self.index[:34]] = np.concatenate([qpos[3:7], qpos[:3], qpos[7:27], qpos[30:34], qpos[27:30]])
+        parts = (g1.ROOT_QUAT, g1.ROOT_POS, g1.JOINT_POS, g1.OBJECT_QUAT, g1.OBJECT_POS)
+        q[self.index[: len(qpos)]] = np.concatenate([qpos[part] for part in parts])
         return q
 
     def set_state(self, context: Context, qpos: Array) -> None:

@@ -39,7 +39,8 @@ class PolicySystem(LeafSystem):
 
     Args:
         policy: the file; `carry`: what it carries and how.
-        latency_s: time from an action to its arrival at the motors, at most the control period.
+        latency_s: delay of the motors, from an action to its arrival there, at most the control period (the delay
+            model is in `hotice.task.sensing`).
         phase_rad: step clock of the left leg at the start, 0 or pi.
 
     Raises:

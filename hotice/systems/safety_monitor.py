@@ -20,6 +20,7 @@ from hotice.model.carry import CarryState
 from hotice.model.joint_limits import torque_limits
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.signals import JOINT_POS, JOINT_VEL, NUM_JOINTS, ROBOT_STATE
+from hotice.task.rules import UPRIGHT
 
 Array = NDArray[np.float64]
 
@@ -42,8 +43,8 @@ class Fault(IntEnum):
 class SafetyLimits:
     """When commands no longer pass."""
 
-    tilt_rad: float = 1.05
-    """Largest lean of the pelvis: a fall (60 degrees, as in the task)."""
+    tilt_rad: float = math.acos(UPRIGHT)
+    """Largest lean of the pelvis: a fall, as in the task."""
     joint_margin_rad: float = 0.1
     """How far a joint may be pressed beyond its range."""
 

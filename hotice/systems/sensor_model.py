@@ -1,6 +1,7 @@
 """Sensor model: noise, delay and a root pose refreshed now and then between the true state and the robot.
 
-The one-robot twin of `hotice.sim.sensing.Sensors`, with the state of its random numbers in the Context.
+The one-robot twin of `hotice.sim.sensing.Sensors`, with the state of its random numbers in the Context. The numbers and
+rules, those of delays too, are in `hotice.task.sensing`.
 """
 
 # pydrake's stubs type arrays as numpy does not:
@@ -14,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from hotice.model.frames import quat_from_axis_angle, quat_to_mat
+from hotice.model import g1
+from hotice.model.frames import quat_from_axis_angle, quat_to_mat, rotation_z
 from hotice.model.objects import CarriedObject
 from hotice.policy.percept import Percept, PerceptModel
 from hotice.systems.signals import NQ, PERCEPT, ROBOT_STATE
-from hotice.task.sensing import TRACK_HEADING, TRACK_PLACE, TRACK_TILT, TRACK_VELOCITY, SensingConfig
+from hotice.task.sensing import TRACK_HEADING, TRACK_PLACE, TRACK_TILT, TRACK_VELOCITY, SensingConfig, reads_late
 
 Array = NDArray[np.float64]
 DRAWS = 56
@@ -142,19 +144,7 @@ def _attitude(yaw: float, down_P: Array) -> Array:
             [along, across, up],
         ]
     )
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ R_YP
-
-
-def draw_delays(config: SensingConfig, control_dt_s: float, substeps: int, seed: int) -> tuple[bool, float]:
-    """Whether measurements of an episode come one control step late, and its time from action to motor [s].
-
-    `substeps`: physics steps of a control step, the unit in which the latter is drawn.
-    """
-    rng = np.random.Generator(np.random.Philox(key=seed))
-    late = bool(rng.random() < 0.5) if config.sensor_delay_steps else False
-    longest = config.longest_delay(control_dt_s, substeps)
-    return late, int(rng.integers(0, longest + 1)) * control_dt_s / substeps
+    return rotation_z(yaw) @ R_YP
 
 
 class SensorModel(LeafSystem):
@@ -169,7 +159,7 @@ class SensorModel(LeafSystem):
         config: noise and delay.
         control_dt_s: period of the measurements.
         seed: of the noise.
-        late: whether measurements come one control step late (see `draw_delays`).
+        late: whether measurements come one control step late (see `hotice.task.sensing`).
         joint_offset: (20,) error of the encoders [rad].
     """
 
@@ -184,7 +174,7 @@ class SensorModel(LeafSystem):
     ) -> None:
         super().__init__()
         self.config, self._dt_s = config, control_dt_s
-        self._offset = np.zeros(20) if joint_offset is None else joint_offset
+        self._offset = np.zeros(g1.ACTIONS) if joint_offset is None else joint_offset
         self._exact = config.exact and not self._offset.any()
         self._true = PerceptModel(carried)
         self._world_aligned = carried.keypoints_world_aligned
@@ -206,7 +196,7 @@ class SensorModel(LeafSystem):
             output.SetFromVector(self._truth(context).vector)
             return
         held = context.get_discrete_state_vector().value()
-        late = held[_LATE] and held[_AGE] > 0
+        late = reads_late(bool(held[_LATE]), held[_AGE] + 1)
         output.SetFromVector(held[_LAST] if late else self._measure(context)[0].vector)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:

@@ -24,7 +24,10 @@ NQ, NV = 43, 41
 ROBOT_STATE = NQ + NV
 PERCEPT, GUIDANCE = Percept.SIZE, FieldReading.SIZE
 CONTACT_FORCE = 12
-OBJECT_POS = slice(36, 39)
+OBJECT_POS, OBJECT_QUAT = slice(36, 39), slice(39, 43)
+ROOT_VEL, ROOT_RATE = slice(NQ, NQ + 3), slice(NQ + 3, NQ + 6)
+OBJECT_VEL, OBJECT_RATE = slice(NQ + 35, NQ + 38), slice(NQ + 38, NQ + 41)
+"""Where the object, and the velocities of root and object, are in `robot_state`; the root is where `g1` says."""
 JOINT_POS = 7 + joint_index(20)
 """Where the 20 actuated joint angles are in `robot_state`, (20,)."""
 JOINT_VEL = NQ + 6 + joint_index(20)

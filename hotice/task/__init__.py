@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
-    from hotice.task.config import DUAL, PRESETS, SINGLE, Preset, TaskConfig, get_preset
+    from hotice.task.config import TaskConfig
     from hotice.task.policy_task import PolicyTask
+    from hotice.task.presets import DUAL, PRESETS, SINGLE, Preset, get_preset
     from hotice.task.protocols import PROTOCOLS, Protocol, get_protocol
     from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 else:

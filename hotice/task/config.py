@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 from hotice import checks
 from hotice.checks import Range
-from hotice.errors import InvalidConfig, UnknownName
-from hotice.model import g1
+from hotice.errors import InvalidConfig
 from hotice.model.dynamics import DynamicsConfig, student_dynamics
 from hotice.model.object_range import ObjectRange
+from hotice.task.contract import Contract
 from hotice.task.history import LENGTHS
+from hotice.task.rules import GOAL_M
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
-LOW, UP = "low", "up"
 STUDENT_PUSH_M_S = 1.0
 """Largest push of students (CAT)."""
 MOST = 1_000_000
@@ -23,81 +21,15 @@ MOST = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Agent:
-    """One learner: which part of the action it emits and which reward columns it receives."""
+class TaskConfig(Contract):
+    """Transport task: the contract of its policies, and all else. Lengths [m], times [s], angles [rad]."""
 
-    name: str
-    actions: slice
-    receives: tuple[str, ...]
-
-    @property
-    def size(self) -> int:
-        """Number of joints it commands."""
-        return self.actions.stop - self.actions.start
-
-
-DUAL = (
-    Agent(name=LOW, actions=g1.LOWER, receives=(LOW,)),
-    Agent(name=UP, actions=g1.UPPER, receives=(UP,)),
-)
-SINGLE = (Agent(name="whole", actions=slice(0, len(g1.ACTION_JOINTS)), receives=(LOW, UP)),)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Preset:
-    """One row of the paper's Table I: how many agents, and which field hands and object read."""
-
-    agents: tuple[Agent, ...]
-    object_field: str
-
-
-PRESETS: Mapping[str, Preset] = MappingProxyType(
-    {
-        "dual_hodpf": Preset(agents=DUAL, object_field="ogf"),
-        "dual_sgf": Preset(agents=DUAL, object_field="sgf"),
-        "single_hodpf": Preset(agents=SINGLE, object_field="ogf"),
-        "single_sgf": Preset(agents=SINGLE, object_field="sgf"),
-    }
-)
-
-
-def get_preset(name: str) -> Preset:
-    """The named row of Table I. Raises `UnknownName`."""
-    if name not in PRESETS:
-        raise UnknownName("preset", name, PRESETS)
-    return PRESETS[name]
-
-
-@dataclass(frozen=True, kw_only=True)
-class TaskConfig:
-    """Transport task. Lengths [m], times [s], angles [rad]."""
-
-    physics_dt_s: float = 0.005
-    """Physics step (ours)."""
-    substeps: int = 4
-    """Physics steps per control step: 50 Hz (paper)."""
     episode_s: float = 5.0
     """Time limit of a trial (paper)."""
-    leg_scale_rad: float = 0.3
-    """Joint target offset of the legs per unit action (ours)."""
-    arm_scale_rad: float = 0.12
-    """Joint target offset of the arms per unit action (ours)."""
-    action_limit: float = 4.0
-    """Actions are clipped to ± this (ours)."""
-    speed_m_s: float = 0.7
-    """Commanded speed (ours; the attractive force alone, eta = 0.6, leaves too little time for 2 m in 5 s)."""
-    stop_gain_hz: float = 3.0
-    """Near the goal the commanded speed is this times the distance (ours)."""
-    goal_radius_m: float = 0.1
-    """Success: root within this distance of the goal, horizontally (paper)."""
-    gait_hz: float = 1.4
-    """Step clock (CAT: 1.3 to 1.5)."""
+    goal_radius_m: float = GOAL_M
+    """Arrival: root within this distance of the goal, horizontally."""
     swing_height_m: float = 0.10
     """Target height of a swinging sole at its peak (ours; CAT 0.07)."""
-    resolution_m: float = 0.04
-    """Grid of the fields (CAT)."""
-    margin_m: float = 0.08
-    """Inflation of the obstacles for the object-centric field (paper)."""
     objects: ObjectRange = field(default_factory=ObjectRange)
     """Carried objects (paper: at most 3.5 kg, 40 cm)."""
     carry_states: int = 64
@@ -129,11 +61,6 @@ class TaskConfig:
     """Whether reaching the goal ends the episode (evaluation)."""
     goal_stay_s: float = 0.0
     """Training: mean time at the goal before an episode is cut short, as by the time limit; 0: it never is (ours)."""
-    scan: bool = False
-    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields
-    only)."""
-    history: int = 0
-    """Past control steps of which the actors also read joints, IMU and actions (ours)."""
 
     def __post_init__(self) -> None:
         checks.numbers(
@@ -171,11 +98,6 @@ class TaskConfig:
             )
         checks.whole("history", self.history, LENGTHS)
         checks.number("anywhere", self.anywhere, checks.SHARE)
-
-    @property
-    def control_dt_s(self) -> float:
-        """Time between actions."""
-        return self.physics_dt_s * self.substeps
 
     @property
     def max_steps(self) -> int:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from hotice.errors import UnknownName
 from hotice.model.dynamics import DynamicsConfig
 from hotice.task.config import TaskConfig
+from hotice.task.sensing import SensingConfig
 
 SENSED: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -26,7 +27,8 @@ def without(task: TaskConfig, sources: Iterable[str], nominal: DynamicsConfig | 
     """The task without these sources of perturbation; `nominal`: robots without "dynamics". Raises `UnknownName`."""
     for source in sources:
         if source in SENSED:
-            task = replace(task, sensing=replace(task.sensing, **dict.fromkeys(SENSED[source], 0)))
+            exact = {name: getattr(SensingConfig(), name) for name in SENSED[source]}
+            task = replace(task, sensing=replace(task.sensing, **exact))
         elif source == "pushes":
             task = replace(task, push_m_s=0.0)
         elif source == "dynamics":

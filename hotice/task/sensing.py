@@ -1,14 +1,28 @@
 """Sensing of the robot's own state and the object's: noise, delays and refresh rate of its sensors, in numbers.
 
-`hotice.sim.sensing` applies them to a batch, `hotice.systems.sensor_model` to one robot in a diagram.
+The delay model: each episode draws two delays and keeps them. Motors: an action arrives 0 to `action_delay_s` late, in
+whole physics steps; until then they hold the target before. Sensors: in a share `LATE_SHARE` of episodes the policy
+reads what was measured one control step before, but for `KNOWN_ROWS`, which nobody measures; the first measurement of
+an episode is read at once.
+
+`hotice.sim.sensing` (and `TransportEnv._advance`) apply all this to a batch, `hotice.systems.sensor_model` (and
+`hotice.systems.policy`) to one robot in a diagram; the numbers and rules are here.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from hotice import checks
 from hotice.checks import Range
+
+LATE_SHARE = 0.5
+"""Share of episodes whose measurements come a control step late, where `sensor_delay_steps` is 1 (ours)."""
+KNOWN_ROWS = ("last_action", "clock", "carry_pos", "object_size", "history")
+"""Rows of the policy observation that no sensor measures now: they are never late. The history keeps what was read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +69,7 @@ class SensingConfig:
         return not any(vars(self).values())
 
     def hold_steps(self, control_dt_s: float) -> int:
-        """Control steps from one refresh of the root to the next."""
+        """Control steps from one refresh of the root's place and heading to the next."""
         return max(1, round(1.0 / (self.root_hz * control_dt_s))) if self.root_hz else 1
 
     def object_gain(self, control_dt_s: float) -> float:
@@ -63,8 +77,23 @@ class SensingConfig:
         return min(1.0, control_dt_s / self.object_filter_s) if self.object_filter_s else 1.0
 
     def longest_delay(self, control_dt_s: float, substeps: int) -> int:
-        """Physics steps, `substeps` a control step, that an action takes to the motors at most."""
+        """Most physics steps before an action reaches the motors, at most the `substeps` of a control step."""
         return min(substeps, round(self.action_delay_s * substeps / control_dt_s))
+
+
+def draw_delays(config: SensingConfig, control_dt_s: float, substeps: int, seed: int) -> tuple[bool, float]:
+    """Whether measurements of an episode come one control step late, and its time from action to motor [s].
+
+    `substeps`: physics steps of a control step, the unit in which the latter is drawn.
+    """
+    rng = np.random.Generator(np.random.Philox(key=seed))
+    late = bool(rng.random() < LATE_SHARE) if config.sensor_delay_steps else False
+    return late, int(rng.integers(0, config.longest_delay(control_dt_s, substeps) + 1)) * control_dt_s / substeps
+
+
+def reads_late(late: Any, count: Any) -> Any:
+    """Whether measurement `count` of an episode, from 1, is read late, where `late` was drawn; of one robot or many."""
+    return late & (count > 1)
 
 
 TRACK_PLACE, TRACK_VELOCITY, TRACK_HEADING = 0.7, 0.5, 0.5

@@ -17,11 +17,12 @@ from hotice.evaluate.trials import Trials, TrialStore
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.distill.config import FinetuneConfig
 from hotice.learn.policy import load_policy
+from hotice.learn.ppo.config import PpoConfig
 from hotice.learn.train import runner
-from hotice.learn.train.config import PpoConfig, TrainConfig
+from hotice.learn.train.config import TrainConfig
 from hotice.model.dynamics import DynamicsConfig
 from hotice.model.object_range import ObjectRange
-from hotice.model.scene import load_scenes
+from hotice.model.shipped import load_scenes
 from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
 from hotice.task.sensing import SensingConfig

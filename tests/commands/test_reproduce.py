@@ -18,13 +18,14 @@ from hotice.commands.unseen import Fit
 from hotice.errors import CheckpointError, InvalidConfig, SimulationError, UnknownName
 from hotice.evaluate.config import EvaluateConfig
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
-from hotice.learn.policy import export_onnx, torch_policy
+from hotice.learn.export import export_onnx
+from hotice.learn.policy import torch_policy
 from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.runner import Runner
 from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
 from hotice.policy.policy_file import KEY, content_hash, read_onnx_meta
-from hotice.task.config import PRESETS
+from hotice.task.presets import PRESETS
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from hotice.commands.unseen_views import draw_unseen, unseen_markdown
 from hotice.evaluate.trials import success_interval
 from hotice.learn.checkpoints.trained_on import TrainedOn
 from hotice.model.generate.families import family_scenes
-from hotice.model.scene import load_scene
+from hotice.model.shipped import load_scene
 
 
 def test_a_scene_stands_to_the_record_as_its_family_does():

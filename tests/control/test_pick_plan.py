@@ -208,6 +208,7 @@ def test_a_damaged_file_is_planned_again(planner, plan, tmp_path, damage):
 
 
 NOT_HASHED = {
+    "hotice.checks": "refuses numbers, changes none",
     "hotice.compiled": "the same mathematics, compiled",
     "hotice.control.controller": "Terms.update reads a Measurement; plans are made of configurations",
     "hotice.errors": "an infeasible pick leaves no plan",

@@ -12,7 +12,7 @@ from hotice.model.carry import solve_carry
 from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
 from hotice.sim.events import push
-from hotice.sim.terminations import OUTCOMES
+from hotice.task.rules import OUTCOMES
 
 SCENES, TRIALS, POOL = 12, 400, 64
 

@@ -16,12 +16,13 @@ from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.run import evaluate
 from hotice.evaluate.scorer import Scorer, score_block
-from hotice.evaluate.walk_trials import Trial, failure, score_walks
+from hotice.evaluate.walk_trials import Trial, score_walks
 from hotice.learn.policy import load_policy
-from hotice.model import Box, Cylinder, Sphere, builder, g1
+from hotice.model import Box, Cylinder, Sphere, builder
 from hotice.model.carry import solve_carry
 from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
+from hotice.task.judge import Judge
 
 GOAL_M = 0.35
 STATE = solve_carry(Box((0.3, 0.3, 0.3), 1.0))
@@ -192,7 +193,7 @@ def plant():
 @pytest.mark.parametrize(
     "cause, change",
     [
-        (None, lambda data: None),
+        ("", lambda data: None),
         ("fall", lambda data: data.qpos.__setitem__(2, 0.34)),
         ("fall", lambda data: data.qpos.__setitem__(slice(3, 7), [np.cos(0.55), 0.0, np.sin(0.55), 0.0])),
         ("drop", lambda data: data.qpos.__setitem__(28, data.qpos[28] + 0.16)),
@@ -204,7 +205,7 @@ def test_failures(plant, cause, change):
     plant.reset(STATE.qpos())
     change(plant.data)
     mujoco.mj_kinematics(plant.model, plant.data)
-    assert failure(plant, [plant.model.site(f"{s}_hand").id for s in g1.SIDES]) == cause
+    assert Judge(plant.model).failure(plant.data) == cause
 
 
 def test_a_trial_that_would_go_on_is_a_timeout():

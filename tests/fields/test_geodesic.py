@@ -3,7 +3,6 @@ import pytest
 
 from hotice.errors import InvalidConfig
 from hotice.fields import build_hod_pf
-from hotice.fields.distance import occupancy_distance
 from hotice.fields.geodesic.fast_marching import solve_geodesic
 from hotice.fields.geodesic.segments import blocker
 from hotice.fields.grid import Grid
@@ -195,20 +194,6 @@ def test_distance_is_the_same_both_ways():
         there = solve_geodesic(space, 0.0, grid.points(np.array([a]))[0])[0][b]
         back = solve_geodesic(space, 0.0, grid.points(np.array([b]))[0])[0][a]
         assert abs(there - back) < 0.01
-
-
-def test_occupancy_distance_is_unbiased():
-    h = 0.02
-    x = (np.indices((60, 60, 60)).transpose(1, 2, 3, 0) + 0.5) * h
-    np.testing.assert_allclose(occupancy_distance(x[..., 0] < 0.6, h), x[..., 0] - 0.6, atol=1e-12)
-    ball = np.linalg.norm(x - 0.6, axis=-1) - 0.35
-    got = occupancy_distance(ball < 0, h)
-    error = got - ball
-    assert abs(error[np.abs(ball) < 2 * h].mean()) < 0.03 * h and np.abs(error[np.abs(ball) < 0.2]).max() < h
-    assert (occupancy_distance(np.zeros((2, 2, 2), dtype=bool), h) == np.inf).all()
-    assert (occupancy_distance(np.ones((2, 2, 2), dtype=bool), h) == -np.inf).all()
-    with pytest.raises(InvalidConfig, match="nx, ny, nz"):
-        occupancy_distance(np.zeros((2, 2), dtype=bool), h)
 
 
 def test_error_behind_a_ball_falls_with_the_square_of_the_spacing():

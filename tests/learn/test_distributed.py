@@ -12,14 +12,14 @@ from safetensors.torch import load_file, save_file
 
 from hotice.learn import distributed
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
+from hotice.learn.ppo.config import PpoConfig
 from hotice.learn.ppo.dual_ppo import DualPpo
 from hotice.learn.ppo.learner import MIRROR_ROWS
 from hotice.learn.ppo.networks import ActorCritic
 from hotice.learn.ppo.storage import Batch, Rollout
-from hotice.learn.train.config import PpoConfig
 from hotice.learn.train.runner import Runner
 from hotice.sim.observations import mirror_action
-from hotice.task.config import DUAL
+from hotice.task.presets import DUAL
 
 OBS, CRITIC, STEPS = 11, 13, 6
 ENVS = {"one": 8, "several": 1600}
@@ -183,7 +183,7 @@ def test_a_run_of_two_ranks_resumes_bit_for_bit_and_goes_on_with_one(tiny, tiny_
     assert all(torch.equal(value, a[key]) for key, value in (alone.algo.state() | alone.average.state()).items())
     assert torch.equal(alone.curriculum.rate, a["curriculum"])
     assert torch.equal(alone.obs, new.obs) and not torch.equal(alone.env.physics.qpos, a["env.physics.qpos"])
-    assert "other ranks: episodes start anew, 2 of 2 scenes" in alone.anew
+    assert "other ranks: episodes start anew, 2 of 2 scenes" in alone.notice
     alone.train()
     _, meta = load_checkpoint(tmp_path / "whole")
     assert meta["ranks"] == 1 and meta["steps"] == 2 * 2 * 64 + 64

@@ -21,12 +21,13 @@ from hotice.commands.pipeline.file import load_pipeline
 from hotice.commands.pipeline.jobs import LOCK, Job, JobProcess
 from hotice.commands.program import main
 from hotice.errors import CheckpointError, DivergedError, OutOfMemory, OutputError, SimulationError
-from hotice.evaluate import run as evaluate
+from hotice.evaluate import scorer
 from hotice.failures import LOWER, mendable
 from hotice.learn.checkpoints.checkpoint import PREFIX, TENSORS, list_checkpoints, load_checkpoint, save_checkpoint
 from hotice.learn.checkpoints.health import check_network, first_not_finite
 from hotice.learn.distill import dagger
 from hotice.learn.policy import torch_policy
+from hotice.learn.ppo.dual_ppo import DualPpo
 from hotice.learn.train import runner
 from hotice.learn.train.progress import LOG, Progress, keep_rows
 from hotice.learn.train.runner import Runner
@@ -169,7 +170,7 @@ def test_finished_blocks_outlive_a_full_disk(onnx_file, near, tmp_path, capfd, m
     out = tmp_path / "r.json"
     argv = ["evaluate", "--policy", onnx_file, "--scenes", near, "--rollouts", 3, "--batch", 1, "--objects", 1]
     argv += ["--threads", 1, "--out", out]
-    score, calls = evaluate.score_block, []
+    score, calls = scorer.score_block, []
 
     def filling(*args, **kwargs):
         calls.append(kwargs["first"])
@@ -178,7 +179,7 @@ def test_finished_blocks_outlive_a_full_disk(onnx_file, near, tmp_path, capfd, m
             resource.setrlimit(resource.RLIMIT_FSIZE, (one_block, before[1]))
         return score(*args, **kwargs)
 
-    monkeypatch.setattr(evaluate, "score_block", filling)
+    monkeypatch.setattr(scorer, "score_block", filling)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     capfd.readouterr()
     try:
@@ -333,7 +334,7 @@ def test_memory_of_an_evaluation(onnx_file, near, capfd, monkeypatch):
     def exhausted(*args, **kwargs):
         raise MemoryError
 
-    monkeypatch.setattr(evaluate, "score_block", exhausted)
+    monkeypatch.setattr(scorer, "score_block", exhausted)
     assert "--batch or --threads" in refused(
         capfd, "evaluate", "--policy", onnx_file, "--scenes", near, "--rollouts", 1, "--objects", 1, "--threads", 1
     )
@@ -362,7 +363,7 @@ def test_every_option_to_lower_exists():
 def test_weights_that_are_not_finite_are_never_saved(begun, tiny_options, tmp_path, capfd, monkeypatch):
     out = tmp_path / "run"
     argv = begun("train", out, tiny_options)
-    update = runner.DualPpo.update
+    update = DualPpo.update
 
     def diverging(self, rollout):
         log = update(self, rollout)
@@ -371,7 +372,7 @@ def test_weights_that_are_not_finite_are_never_saved(begun, tiny_options, tmp_pa
         return log
 
     with monkeypatch.context() as patch:
-        patch.setattr(runner.DualPpo, "update", diverging)
+        patch.setattr(DualPpo, "update", diverging)
         line = refused(capfd, *argv)
     assert "nets.low.actor.0.weight is not finite after update 2" in line and "--max-learning-rate" in line
     tensors, meta = load_checkpoint(out)

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from hotice.errors import CheckpointError, OutputError, UnknownName
-from hotice.learn.policy import OnnxPolicy, check_layout, export_onnx, load_policy, torch_policy
+from hotice.learn.export import export_onnx
+from hotice.learn.policy import OnnxPolicy, check_layout, load_policy, torch_policy
 from hotice.policy.policy_file import FORMAT, KEY
 from hotice.sim.observations import POLICY, ObservationTable
 

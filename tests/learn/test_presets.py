@@ -7,15 +7,14 @@ import pytest
 import torch
 
 from hotice.learn.ppo.networks import ActorCritic
-from hotice.learn.train.config import TrainConfig
-from hotice.learn.train.runner import config_to_dict
+from hotice.learn.train.config import TrainConfig, config_to_dict
 from hotice.model import Box, load_scene
 from hotice.model.carry import solve_carry
 from hotice.sim import TaskConfig
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 from hotice.sim.rewards import L, S, U
-from hotice.task.config import PRESETS
+from hotice.task.presets import PRESETS
 
 SWITCHES = [
     ("agents", "single_sgf", "dual_sgf"),

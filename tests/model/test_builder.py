@@ -11,7 +11,7 @@ import pytest
 from hotice.errors import InvalidConfig, InvalidScene
 from hotice.model import Obstacle, Scene, builder, frames, shipped_scenes
 from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, MeshShape, SphereShape
-from hotice.model.scene import SHIPPED
+from hotice.model.shipped import SHIPPED
 
 PROBE_M = 0.01
 PRIMITIVES = [BoxShape((0.3, 0.2, 0.5)), CylinderShape(0.1, 0.4), CapsuleShape(0.08, 0.3), SphereShape(0.15)]

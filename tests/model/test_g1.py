@@ -11,7 +11,8 @@ import pytest
 
 from hotice.errors import UnknownName
 from hotice.model import builder, g1
-from hotice.model.frames import normalize, quat_conj, quat_rotate, quat_to_mat
+from hotice.model.frames import GRAVITY, normalize, quat_conj, quat_rotate, quat_to_mat
+from hotice.model.objects import Box
 
 pin = pytest.importorskip("pinocchio")
 URDF_MASS_KG = 33.341142
@@ -468,3 +469,22 @@ def test_training_needs_neither_pinocchio_nor_drake():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+def test_parts_of_a_configuration_are_where_the_simulators_have_them():
+    """Every element of qpos and qvel by its joint: the names of `g1` cut the same."""
+    model = builder.build_model(Box((0.3, 0.3, 0.3), 1.0))
+    root, held = model.body(g1.ROOT_BODY), model.body(builder.OBJECT_BODY)
+    parts = [(root, (g1.ROOT_POS, g1.ROOT_QUAT), (g1.ROOT_VEL, g1.ROOT_RATE))]
+    parts.append((held, (g1.OBJECT_POS, g1.OBJECT_QUAT), (g1.OBJECT_VEL, g1.OBJECT_RATE)))
+    for body, q, v in parts:
+        start, dof = model.jnt_qposadr[body.jntadr[0]], model.jnt_dofadr[body.jntadr[0]]
+        assert q == (slice(start, start + 3), slice(start + 3, start + 7))
+        assert v == (slice(dof, dof + 3), slice(dof + 3, dof + 6))
+    places = range(model.nq)[g1.JOINT_POS], range(model.nv)[g1.JOINT_VEL]
+    robot = builder.pinocchio_model(20)
+    for joint, q, v in zip(g1.ACTION_JOINTS, *places, strict=True):
+        assert (model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]) == (q, v)
+        assert (robot.joints[robot.getJointId(joint)].idx_q, robot.joints[robot.getJointId(joint)].idx_v) == (q, v)
+    assert model.nq == g1.OBJECT_QUAT.stop and model.nv == g1.OBJECT_RATE.stop and g1.ACTIONS == model.nu
+    assert model.opt.gravity.tolist() == [0.0, 0.0, -GRAVITY] and robot.gravity.linear.tolist() == [0.0, 0.0, -GRAVITY]

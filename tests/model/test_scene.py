@@ -134,6 +134,9 @@ def test_frames_against_scipy():
     )
     for flip in (np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])):
         np.testing.assert_allclose(frames.quat_to_mat(frames.mat_to_quat(flip)), flip, atol=1e-12)
+    for angle in (0.3, -3.0):
+        np.testing.assert_allclose(frames.rotation_z(angle), Rotation.from_euler("z", angle).as_matrix(), atol=1e-15)
+        np.testing.assert_allclose(frames.rotation_y(angle), Rotation.from_euler("y", angle).as_matrix(), atol=1e-15)
 
 
 # Files

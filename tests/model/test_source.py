@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from tests.model.test_importers import pcd_bytes, room, turned
 
 from hotice.errors import InvalidScene
 from hotice.model import Obstacle, Scene
@@ -14,6 +13,7 @@ from hotice.model.generate.crop import crop
 from hotice.model.geometry.shapes import BoxShape
 from hotice.model.importers.scene_import import ImportOptions, import_scene
 from hotice.model.source import MapSource
+from tests.model.importers.test_importers import pcd_bytes, room, turned
 
 DIGEST = "0123456789abcdef" * 4
 SOURCE = MapSource(

@@ -1,6 +1,5 @@
 """One environment of every object shape, in scenes with obstacles, after some random actions."""
 
-import numba
 import pytest
 import torch
 
@@ -10,17 +9,6 @@ from hotice.model.carry import solve_carry
 from hotice.model.objects import Cylinder, Sphere
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_thread():
-    torch.set_num_threads(1)
-    numba.set_num_threads(1)
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="session")

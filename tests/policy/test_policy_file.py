@@ -9,7 +9,8 @@ from hotice.errors import CheckpointError, UnknownName
 from hotice.policy import PolicyTask, open_policy, shipped_policies
 from hotice.policy.observation import LAYOUT, SIZE
 from hotice.policy.policy_file import check_layout
-from hotice.task.config import PRESETS, TaskConfig
+from hotice.task.config import TaskConfig
+from hotice.task.presets import PRESETS
 
 
 def test_shipped_policy_acts_as_through_torch():

@@ -74,7 +74,7 @@ def test_thinning_keeps_first_and_last_frame(record):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"outcome": "won"}, "unknown 'won': known are success"),
+        ({"outcome": "won"}, "unknown 'won': known are running"),
         ({"time_s": np.zeros(101)}, "must grow"),
         ({"geom_types": ["mesh"] * 5}, "unknown 'mesh'"),
         ({"geom_sizes": np.full((5, 3), np.nan)}, "not finite"),

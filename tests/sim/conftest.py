@@ -2,41 +2,15 @@
 
 import dataclasses
 
-import numba
-import numpy as np
 import pytest
 import torch
 
 from hotice.fields.bank import FieldBank
-from hotice.model import Box, load_scenes
-from hotice.model.carry import solve_carry
-from hotice.model.objects import Cylinder, Sphere
+from hotice.model import load_scenes
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
 
 CPU = torch.device("cpu")
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_thread():
-    """Batches are small here: threads would only wait for each other."""
-    torch.set_num_threads(1)
-    numba.set_num_threads(1)
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path, monkeypatch):
-    """The simulator writes its warnings to the working folder."""
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture(scope="session")
-def states():
-    """Carry states of a light box, a heavy box, a cylinder and a sphere."""
-    return [
-        solve_carry(o)
-        for o in (Box((0.3, 0.3, 0.3), 1.0), Box((0.24, 0.36, 0.22), 3.0), Cylinder(0.13, 0.3, 1.5), Sphere(0.14, 1.2))
-    ]
 
 
 @pytest.fixture(scope="session")
@@ -90,8 +64,3 @@ def altered():
         return dataclasses.replace(snapshot, **values)
 
     return alter
-
-
-@pytest.fixture
-def rng():
-    return np.random.default_rng(0)

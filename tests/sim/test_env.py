@@ -9,7 +9,7 @@ from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.physics import ram as memory_module
 from hotice.sim.physics.ram import check_memory
 from hotice.sim.rewards import TERMINATION_PENALTY
-from hotice.sim.terminations import OUTCOMES
+from hotice.task.rules import OUTCOMES
 
 
 def actions(steps, num_envs=8, seed=0):

@@ -13,7 +13,7 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.physics.mujoco_batch import MujocoBatch
 from hotice.sim.physics.protocol import make_physics
 from hotice.sim.rewards import TERMINATION_PENALTY
-from hotice.sim.terminations import OUTCOMES
+from hotice.task.rules import OUTCOMES
 
 pytest.importorskip("mujoco_warp")
 pytestmark = [pytest.mark.parity, pytest.mark.slow]

@@ -10,7 +10,7 @@ from hotice.model import g1
 from hotice.sim import PRESETS, terms
 from hotice.sim.rewards import REWARDS, L, Reward, RewardTable, S, U
 from hotice.sim.snapshot import FEET, HEAD, PELVIS, POINTS
-from hotice.task.config import DUAL, SINGLE, get_preset
+from hotice.task.presets import DUAL, SINGLE, get_preset
 
 DT = 0.02
 HANDS = [POINTS.index("left_hand"), POINTS.index("right_hand")]

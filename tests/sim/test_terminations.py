@@ -10,7 +10,8 @@ from hotice.fields.bank import FieldBank
 from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
 from hotice.sim.rewards import TERMINATION_PENALTY
-from hotice.sim.terminations import OUTCOMES, TERMINATIONS
+from hotice.sim.terminations import TERMINATIONS
+from hotice.task.rules import OUTCOMES
 
 STILL = torch.zeros(8, 20)
 

@@ -1,6 +1,5 @@
 """Small stations and states that the tests of this folder share."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -11,16 +10,6 @@ from hotice.model.carry import solve_carry
 from hotice.systems import StationConfig, make_station
 
 BOX = Box((0.3, 0.3, 0.3), 1.5)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_thread():
-    numba.set_num_threads(1)
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="session")
@@ -37,11 +26,6 @@ def station():
 @pytest.fixture(scope="session")
 def beam():
     return load_scene("beam")
-
-
-@pytest.fixture
-def rng():
-    return np.random.default_rng(0)
 
 
 @pytest.fixture

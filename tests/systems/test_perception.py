@@ -20,8 +20,8 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.sensing import Sensors
 from hotice.systems.guidance_field import GuidanceFieldSystem
 from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PolicySystem, next_action
-from hotice.systems.sensor_model import DRAWS, ESTIMATE, SensorModel, draw_delays, measure
-from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig
+from hotice.systems.sensor_model import DRAWS, ESTIMATE, SensorModel, measure
+from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig, draw_delays
 
 NOISY = SensingConfig(joint_pos_rad=0.03, object_pos_m=0.05, root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0)
 

@@ -17,7 +17,7 @@ def test_every_field_of_sensing_belongs_to_one_source():
 def test_one_source_goes_and_the_others_stay(source):
     task = TaskConfig().perturbed()
     less = without(task, [source])
-    gone = dict.fromkeys(SENSED.get(source, ()), 0)
+    gone = {name: getattr(SensingConfig(), name) for name in SENSED.get(source, ())}
     assert less.sensing == replace(task.sensing, **gone) and (less.sensing != task.sensing) == (source in SENSED)
     assert less.push_m_s == (0.0 if source == "pushes" else task.push_m_s)
     assert less.dynamics == (DynamicsConfig() if source == "dynamics" else task.dynamics)

@@ -35,7 +35,7 @@ from hotice import checks
 from hotice.commands.pipeline.jobs import Job, check_argv, option_names, to_argv
 from hotice.errors import HoticeError, InvalidConfig, UnknownName
 from hotice.files import read_bytes
-from hotice.model.scene import shipped_sets
+from hotice.model.shipped import shipped_sets
 
 FORMAT = "hotice-pipeline/1"
 MAX_BYTES = 1 << 20

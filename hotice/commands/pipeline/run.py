@@ -24,7 +24,7 @@ from hotice.commands.pipeline.file import Pipeline, load_pipeline
 from hotice.commands.pipeline.jobs import USER_ERROR, Job, JobProcess
 from hotice.errors import HoticeError
 from hotice.files import make_folder, write_text
-from hotice.learn.train.runner import stop_on_signals
+from hotice.learn.train.signals import stop_on_signals
 
 FORMAT = "hotice-pipeline-status/1"
 STATUS = "status.json"

@@ -16,6 +16,7 @@ from hotice.control.pick_plan.task import PickTask, frames_at
 from hotice.control.whole_body.contacts import PALM_M
 from hotice.control.whole_body.terms import FEET, Terms
 from hotice.errors import PickInfeasible
+from hotice.model import g1
 from hotice.model.frames import normalize, quat_from_yaw, yaw_from_quat
 from hotice.model.objects import CarriedObject
 
@@ -66,7 +67,7 @@ class Planner:
         q = np.round(checks.array("q_start", q_start, 27, error=PickInfeasible), ROUNDED)
         p = np.round(checks.array("p_GO", p_GO, 3, error=PickInfeasible), ROUNDED)
         quat = np.round(normalize(checks.array("quat_GO", quat_GO, 4, error=PickInfeasible)), ROUNDED)
-        q[3:7] = normalize(q[3:7])
+        q[g1.ROOT_QUAT] = normalize(q[g1.ROOT_QUAT])
         task = PickTask.of(self.grip, self.terms, q, p, quat)
         key = cache.plan_key(task, self.durations) if self.folder is not None else ""
         plan = cache.load(self.folder, key) if self.folder is not None else None

@@ -6,6 +6,7 @@ import numpy as np
 
 from hotice.control.pick_plan.task import frames_at
 from hotice.control.pickup.controller import Pickup
+from hotice.model import g1
 from hotice.model.carry import CarryState, carry_state_at
 
 
@@ -21,5 +22,10 @@ def carry_at_end(pickup: Pickup) -> CarryState:
     lean = 2.0 * float(np.arcsin(np.clip(end[4], -1.0, 1.0)))
     object_pos = frames_at(planner.terms, end).p.mean(axis=0) - plan.p_OH.mean(axis=0)  # the object is level, heading x
     return carry_state_at(
-        pickup.carried, end[7:], planner.wrist_pos, object_pos - end[:3], lean_rad=lean, squeeze_n=pickup.squeeze_n
+        pickup.carried,
+        end[g1.JOINT_POS],
+        planner.wrist_pos,
+        object_pos - end[g1.ROOT_POS],
+        lean_rad=lean,
+        squeeze_n=pickup.squeeze_n,
     )

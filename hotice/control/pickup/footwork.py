@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.model.frames import GRAVITY, rotation_z
 
 Array = NDArray[np.float64]
-GRAVITY = 9.81
 SOLE_AHEAD_M = 0.035  # middle of the sole ahead of the ankle
 INWARD_M = 0.008  # where the weight rests: from the middle of the sole towards the other foot
 SWING_HEIGHT_M = 0.04
@@ -180,8 +180,7 @@ def plan_steps(feet: Array, com: Array, height_m: float, departure: Departure) -
 
 
 def _turned(yaw: float) -> Array:
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([[c, -s], [s, c]])
+    return rotation_z(yaw)[:2, :2]
 
 
 def _pendulum(p: Array, height_m: float) -> Array:

@@ -11,7 +11,7 @@ from hotice import checks
 from hotice.control.controller import Measurement
 from hotice.control.pickup.footwork import SOLE_AHEAD_M
 from hotice.control.whole_body.terms import FEET, Terms
-from hotice.model.frames import quat_from_yaw, quat_mul
+from hotice.model.frames import quat_from_yaw, quat_mul, rotation_z
 
 Array = NDArray[np.float64]
 
@@ -43,8 +43,7 @@ class Stance:
 
     def direction(self, v_W: ArrayLike) -> Array:
         """Directions (..., 3) of W, in G."""
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        return np.asarray(v_W, dtype=float) @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        return np.asarray(v_W, dtype=float) @ rotation_z(self.yaw)
 
     def quat(self, quat_W: ArrayLike) -> Array:
         """Orientations (..., 4) in W, in G."""

@@ -11,6 +11,7 @@ from hotice.control.controller import Measurement
 from hotice.control.pickup.footwork import Departure, plan_steps
 from hotice.control.pickup.memory import Motion, PickupMemory
 from hotice.control.whole_body.terms import FEET, HANDS, Terms
+from hotice.model import g1
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ def go_on(memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) 
 def moved(q: Array, com: Array, shift: Array, turn_rad: float) -> Array:
     """The configuration (27,) turned about the vertical through `com` (2,) and shifted by (2,)."""
     turn, pivot = quat_from_yaw(turn_rad), np.array([*com, 0.0])
-    root = quat_rotate(turn, q[:3] - pivot) + pivot
+    root = quat_rotate(turn, q[g1.ROOT_POS] - pivot) + pivot
     root[:2] += shift
-    quat = np.roll(quat_mul(turn, np.roll(q[3:7], 1)), -1)
-    return np.concatenate([root, quat, q[7:]], dtype=np.float64)
+    quat = np.roll(quat_mul(turn, np.roll(q[g1.ROOT_QUAT], 1)), -1)
+    return np.concatenate([root, quat, q[g1.JOINT_POS]], dtype=np.float64)

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.control.pickup.memory import Motion, PickupMemory
-from hotice.control.whole_body.contacts import GRAVITY, Contacts
+from hotice.control.whole_body.contacts import Contacts
 from hotice.control.whole_body.tasks import Targets
 from hotice.control.whole_body.terms import FEET, HANDS, LEFT_HAND, PELVIS, Terms
 from hotice.model import g1
-from hotice.model.frames import quat_from_yaw, quat_to_mat
+from hotice.model.frames import GRAVITY, quat_from_yaw, quat_to_mat
 from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ class Tracking:
         t.com_pos[:], t.com_vel[:], t.com_acc[:] = ref.com, ref.v_com, motion.com_acc
         for f in (PELVIS, HANDS):
             t.frame_pos[f], t.frame_rot[f], t.frame_vel[f] = ref.p_WF[f], ref.R_WF[f], ref.v_WF[f]
-        t.joint_pos[:], t.joint_vel[:] = ref.q[7:], ref.v[6:]
+        t.joint_pos[:], t.joint_vel[:] = ref.q[g1.JOINT_POS], ref.v[g1.JOINT_VEL]
         k.foot_force_max_n[:] = STANDING_N
         if memory.air.any() and motion.feet is not None:
             k.foot_force_max_n[memory.air] = 0.0

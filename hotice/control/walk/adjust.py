@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice import checks
+from hotice.model.frames import rotation_z
 
 Array = NDArray[np.float64]
 NUM = 5
@@ -92,8 +93,7 @@ class StepAdjuster:
                 ahead and away from the stance foot [m]. freeze: keep foothold and time.
         """
         # All in the frame of the stance foot, in which reach and the sole are boxes.
-        c, s = np.cos(stance_yaw), np.sin(stance_yaw)
-        R = np.array([[c, -s], [s, c]])
+        R = rotation_z(stance_yaw)[:2, :2]
         xi, p, b = R.T @ (dcm - stance), R.T @ (foothold - stance), R.T @ offset
         tau = float(np.exp(omega * remaining_s))
         cfg = self.config

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hotice.errors import CarryInfeasible
 from hotice.model import builder, g1
 from hotice.model.carry import CarryState
-from hotice.model.frames import quat_to_mat
+from hotice.model.frames import quat_to_mat, rotation_y
 
 Array = NDArray[np.float64]
 STIFFNESS, LEVEL, PLACE = 400.0, 3.0, 0.3
@@ -73,10 +73,10 @@ def level_arms(state: CarryState) -> ArmTable:
         mujoco.mj_kinematics(model, data)
         return data.geom_xpos[palm_ids] - pelvis
 
-    p_OH = (palms(left) - p_PO) @ _pitch(tilt)
+    p_OH = (palms(left) - p_PO) @ rotation_y(tilt)
 
     def miss(v: Array) -> Array:
-        return palms(v[:4]) - np.array([v[4], 0.0, v[5]]) - p_OH @ _pitch(v[6]).T
+        return palms(v[:4]) - np.array([v[4], 0.0, v[5]]) - p_OH @ rotation_y(v[6]).T
 
     bounds = model.jnt_range[_LEFT_QPOS]
     low, high = np.append(bounds[:, 0], [-1.0, -1.0, -2.0]), np.append(bounds[:, 1], [1.0, 1.0, 2.0])
@@ -100,8 +100,3 @@ def level_arms(state: CarryState) -> ArmTable:
     both = np.concatenate([found[:, :4], sign * found[:, :4]], axis=1)
     place = np.column_stack([found[:, 4], np.zeros(len(found)), found[:, 5]])
     return ArmTable(LEANS_RAD, both, place, found[:, 6])
-
-
-def _pitch(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

@@ -53,7 +53,11 @@ def body_spheres(state: CarryState) -> BodySpheres:
     """Spheres of the robot in a carry state, shifted so that the feet are under the origin."""
     model = _robot(tuple(np.round(state.wrist_pos, 9)))
     data = mujoco.MjData(model)
-    data.qpos[:3], data.qpos[3:7], data.qpos[7:27] = state.root_pos_W, state.quat_WP, state.joint_pos
+    data.qpos[g1.ROOT_POS], data.qpos[g1.ROOT_QUAT], data.qpos[g1.JOINT_POS] = (
+        state.root_pos_W,
+        state.quat_WP,
+        state.joint_pos,
+    )
     mujoco.mj_kinematics(model, data)
     centres, radii = [], []
     for geom in range(model.ngeom):

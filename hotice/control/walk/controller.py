@@ -25,7 +25,7 @@ from hotice.control.whole_body.qp import QpConfig, Targets, WholeBodyQp
 from hotice.control.whole_body.terms import LEFT_FOOT, PELVIS
 from hotice.model import g1
 from hotice.model.carry import CarryState
-from hotice.model.frames import quat_to_mat
+from hotice.model.frames import quat_to_mat, rotation_y, rotation_z
 
 Array = NDArray[np.float64]
 SOLE_HEIGHT_M = 0.035
@@ -65,7 +65,7 @@ class WalkController:
         for foot in ("left_foot", "right_foot"):
             t.gain_frame(foot, [w.foot] * 3 + [w.foot_turn] * 3, 30.0)
         t.joint_pos[:] = self.state.joint_pos
-        t.gain_joints(np.repeat([w.legs, w.arms], [12, 8]), 20.0)
+        t.gain_joints(np.repeat([w.legs, w.arms], [len(g1.LEG_JOINTS), len(g1.ARM_JOINTS)]), 20.0)
         c = Contacts(load_kg=self.load_kg)
         c.hand_force_max_n[:] = 150.0
         return t, c
@@ -235,11 +235,7 @@ class WalkController:
         g.frame_pos[PELVIS, 2] = m.height_m
         g.frame_vel[PELVIS, 2] = (m.height_m - before) / dt if dt > 0 else 0.0
         yaw = self.plan.path.at(station)[1]
-        c, s = np.cos(float(yaw)), np.sin(float(yaw))
-        cl, sl = np.cos(m.lean_rad), np.sin(m.lean_rad)
-        g.frame_rot[PELVIS] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array(
-            [[cl, 0, sl], [0, 1, 0], [-sl, 0, cl]]
-        )
+        g.frame_rot[PELVIS] = rotation_z(float(yaw)) @ rotation_y(m.lean_rad)
         k.foot_force_max_n[:] = 400.0
         for hand in range(2):
             R = terms.R_WF[3 + hand]
@@ -255,20 +251,10 @@ class WalkController:
             pitch_rate, rise_rate = m.swing.tilt(pitch, rise, dt)
             c, s = np.cos(pose[3]), np.sin(pose[3])
             g.frame_pos[foot] = [pose[0], pose[1], pose[2] + rise]
-            g.frame_rot[foot] = _yaw(pose[3]) @ _pitch(pitch)
+            g.frame_rot[foot] = rotation_z(pose[3]) @ rotation_y(pitch)
             g.frame_vel[foot] = [*speed[:2], speed[2] + rise_rate, -s * pitch_rate, c * pitch_rate, speed[3]]
             g.frame_acc[foot] = [*accel[:3], 0.0, 0.0, accel[3]]
             k.foot_force_max_n[step.foot] = 0.0
-
-
-def _pitch(pitch: float) -> Array:
-    c, s = np.cos(pitch), np.sin(pitch)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
-def _yaw(yaw: float) -> Array:
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _lean(quat_WP: Array) -> float:

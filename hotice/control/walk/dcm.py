@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import InvalidConfig
+from hotice.model.frames import GRAVITY
 
-GRAVITY = 9.81
 LEAST_M = 0.3
 """A lower centre of mass is not believed: omega must stay finite."""
 Array = NDArray[np.float64]

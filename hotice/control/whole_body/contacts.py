@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.compiled import compiled
+from hotice.model.frames import GRAVITY
 
 Array = NDArray[np.float64]
-GRAVITY = 9.81
 FOOT_POINTS = 4
 SOLE_POINTS_M = np.array(
     [

@@ -25,6 +25,7 @@ from hotice.control.whole_body.solvers import UNBOUNDED, Guess, Problem, make_so
 from hotice.control.whole_body.tasks import Targets
 from hotice.control.whole_body.terms import NV, Terms
 from hotice.model import g1
+from hotice.model.frames import GRAVITY
 from hotice.model.joint_limits import torque_limits
 
 Array = NDArray[np.float64]
@@ -202,13 +203,23 @@ class WholeBodyQp:
             w,
         )
         tasks.stack_joints(
-            t.q[7:], t.v[6:], g.joint_pos, g.joint_vel, g.joint_acc, g.joint_weight, g.joint_kp, g.joint_kd, A, b, w
+            t.q[g1.JOINT_POS],
+            t.v[g1.JOINT_VEL],
+            g.joint_pos,
+            g.joint_vel,
+            g.joint_acc,
+            g.joint_weight,
+            g.joint_kp,
+            g.joint_kd,
+            A,
+            b,
+            w,
         )
         reference = self._force_ref
         reference[:3], reference[3:] = k.hand_force_ref_W[0], k.hand_force_ref_W[1]
         # Each hand bears half of the object's weight.
-        reference[2] -= 0.5 * k.load_kg * touch.GRAVITY
-        reference[5] -= 0.5 * k.load_kg * touch.GRAVITY
+        reference[2] -= 0.5 * k.load_kg * GRAVITY
+        reference[5] -= 0.5 * k.load_kg * GRAVITY
         _objective(A, b, w, self._weighted, c.acceleration_weight, c.force_weight, c.hand_weight, reference, p.H, p.g)
         # Before the dynamics, which read the bias forces with these moments in them.
         touch.add_moments(t.J_WF, k.hand_moment_W, t.h, self._h)

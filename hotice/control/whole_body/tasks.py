@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from hotice.compiled import compiled
 from hotice.control.whole_body.terms import FRAMES, NV
 from hotice.errors import UnknownName
+from hotice.model import g1
 
 Array = NDArray[np.float64]
 ROWS = 3 + 6 * len(FRAMES) + 20
@@ -55,12 +56,12 @@ class Targets:
     frame_kp: Array = _zeros(5, 6)
     frame_kd: Array = _zeros(5, 6)
     frame_axes: Array = _identity(5)
-    joint_pos: Array = _zeros(20)
-    joint_vel: Array = _zeros(20)
-    joint_acc: Array = _zeros(20)
-    joint_weight: Array = _zeros(20)
-    joint_kp: Array = _zeros(20)
-    joint_kd: Array = _zeros(20)
+    joint_pos: Array = _zeros(g1.ACTIONS)
+    joint_vel: Array = _zeros(g1.ACTIONS)
+    joint_acc: Array = _zeros(g1.ACTIONS)
+    joint_weight: Array = _zeros(g1.ACTIONS)
+    joint_kp: Array = _zeros(g1.ACTIONS)
+    joint_kd: Array = _zeros(g1.ACTIONS)
 
     def gain_com(self, weight: ArrayLike, frequency: float) -> None:
         """Weight () or (3,) and critically damped gains of `frequency` [rad/s] of the centre of mass."""

@@ -93,15 +93,16 @@ class Terms:
                 row[start : start + model.joints[above].nv] = True
         self.R_WF, self.p_WF = np.zeros((5, 3, 3)), np.zeros((5, 3))
         self.J_WF, self.v_WF, self.drift_WF = np.zeros((5, 6, NV)), np.zeros((5, 6)), np.zeros((5, 6))
-        self.lower, self.upper = model.lowerPositionLimit[7:].copy(), model.upperPositionLimit[7:].copy()
+        self.lower = model.lowerPositionLimit[g1.JOINT_POS].copy()
+        self.upper = model.upperPositionLimit[g1.JOINT_POS].copy()
         self.mass_kg = float(sum(i.mass for i in model.inertias))
 
     def update(self, measurement: Measurement) -> None:
         """Takes the state of the measurement."""
         quat, q, v = measurement.quat_WP, self.q, self.v
-        q[:3], q[3:6], q[6], q[7:] = measurement.p_WP, quat[1:], quat[0], measurement.joint_pos
-        q[3:7] /= np.sqrt(q[3:7] @ q[3:7])
-        v[3:6], v[6:] = measurement.w_WP_P, measurement.joint_vel
+        q[g1.ROOT_POS], q[3:6], q[6], q[g1.JOINT_POS] = measurement.p_WP, quat[1:], quat[0], measurement.joint_pos
+        q[g1.ROOT_QUAT] /= np.sqrt(q[g1.ROOT_QUAT] @ q[g1.ROOT_QUAT])
+        v[g1.ROOT_RATE], v[g1.JOINT_VEL] = measurement.w_WP_P, measurement.joint_vel
         _into_body(q, measurement.v_WP, v)
         self.refresh()
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hotice.model.scene import Scene, shipped_scenes, shipped_sets
+from hotice.model.scene import Scene
 from hotice.model.scene_digest import scene_digest
-from hotice.model.scene_sets import FAMILY_PREFIX
+from hotice.model.shipped import FAMILY_PREFIX, shipped_scenes, shipped_sets
 
 SHORT = 12
 """Hexadecimal digits that are kept of the digest of a single scene."""

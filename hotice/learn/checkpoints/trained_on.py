@@ -15,7 +15,7 @@ from typing import Any
 from hotice.errors import CheckpointError
 from hotice.learn.checkpoints.scene_record import SHORT, TOLD_BY, SceneRecord
 from hotice.model.scene import Scene
-from hotice.model.scene_sets import resolve_item
+from hotice.model.shipped import resolve_item
 
 TRAINED_ON = "trained_on"
 """Key of the record in `meta.json` and in the description of a policy."""

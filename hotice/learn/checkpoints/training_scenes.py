@@ -10,7 +10,7 @@ from hotice.learn.checkpoints.scene_record import SHORT, SceneRecord
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.model.scene import Scene
 from hotice.model.scene_digest import scene_digest
-from hotice.model.scene_sets import resolve_item
+from hotice.model.shipped import resolve_item
 
 
 @dataclass(frozen=True, kw_only=True)

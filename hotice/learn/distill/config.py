@@ -8,7 +8,8 @@ from pathlib import Path
 from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidConfig
-from hotice.learn.train.config import PpoConfig, TrainConfig
+from hotice.learn.ppo.config import PpoConfig
+from hotice.learn.train.config import TrainConfig
 from hotice.task.config import TaskConfig
 
 

@@ -34,7 +34,8 @@ from hotice.learn.ppo.learner import Learner, Mirror
 from hotice.learn.ppo.losses import clipped_value
 from hotice.learn.ppo.networks import ActorCritic, kl_divergence
 from hotice.learn.ppo.storage import Batch, Rollout
-from hotice.learn.train.runner import Runner, config_to_dict
+from hotice.learn.train.config import config_to_dict
+from hotice.learn.train.runner import Runner
 from hotice.sim.observations import mirror_action
 
 

@@ -16,28 +16,17 @@ from hotice.learn.checkpoints.widen import columns_within
 from hotice.learn.policy import TorchPolicy, check_layout, torch_policy
 from hotice.learn.ppo.networks import ActorCritic
 from hotice.sim.env import TransportEnv
-
-CONTRACT = (
-    "leg_scale_rad",
-    "arm_scale_rad",
-    "action_limit",
-    "speed_m_s",
-    "stop_gain_hz",
-    "gait_hz",
-    "resolution_m",
-    "margin_m",
-)
-"""Numbers of the task that give observations and actions their meaning: teacher and student must share them."""
+from hotice.task.contract import STEP, UNITS
 
 
 def contract(task: Mapping[str, Any]) -> dict[str, Any]:
-    """What policies must share, of a `TaskConfig` as JSON-ready values: `CONTRACT` and the control period.
+    """What policies must share, of a `TaskConfig` as JSON-ready values: `UNITS` and the control period.
 
     The physics step in between is free: most of a run may be simulated in coarse steps and its end in fine ones.
     """
-    steps = (task.get("physics_dt_s"), task.get("substeps"))
+    steps = tuple(task.get(name) for name in STEP)
     period = None if None in steps else round(steps[0] * steps[1], 9)  # type: ignore[operator]
-    return {"control period": period, **{name: task.get(name) for name in CONTRACT}}
+    return {"control period": period, **{name: task.get(name) for name in UNITS}}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,9 +11,9 @@ from torch import Tensor
 
 from hotice.errors import DivergedError
 from hotice.learn import distributed
+from hotice.learn.ppo.config import PpoConfig
 from hotice.learn.ppo.networks import ActorCritic, log_prob
 from hotice.learn.ppo.storage import Rollout
-from hotice.learn.train.config import PpoConfig
 
 Mirror = Callable[[Tensor], Tensor]
 

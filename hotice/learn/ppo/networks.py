@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from hotice.task.config import Agent
+from hotice.model import g1
+from hotice.task.presets import Agent
 
 
 def mlp(sizes: Sequence[int], last_gain: float) -> nn.Sequential:
@@ -88,7 +89,7 @@ class ActorCritic(nn.Module):
         self.agents = tuple(agents)
         self.obs_norm = Normalizer(obs)
         self.critic_norm = Normalizer(critic_obs)
-        std = torch.tensor([init_std[0]] * 12 + [init_std[1]] * 8)
+        std = torch.tensor([init_std[0]] * len(g1.LEG_JOINTS) + [init_std[1]] * len(g1.ARM_JOINTS))
         self.nets = nn.ModuleDict(
             {a.name: AgentNet(obs, critic_obs, a.size, hidden, critic_hidden, std[a.actions]) for a in agents}
         )

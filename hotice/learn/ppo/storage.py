@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from hotice.model import g1
+
 
 @dataclass
 class Batch:
@@ -31,7 +33,7 @@ class Rollout:
             return torch.zeros(steps, num_envs, *shape, device=device, dtype=dtype)
 
         self.obs, self.critic_obs = zeros(obs), zeros(critic_obs)
-        self.action, self.mean = zeros(20), zeros(20)
+        self.action, self.mean = zeros(g1.ACTIONS), zeros(g1.ACTIONS)
         self.log_prob, self.value = zeros(agents), zeros(agents)
         self.reward, self.final_value = zeros(agents), zeros(agents)
         self.terminated, self.truncated = zeros(dtype=torch.bool), zeros(dtype=torch.bool)

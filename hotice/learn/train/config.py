@@ -2,60 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
+from hotice.files import make_folder, write_text
+from hotice.learn.ppo.config import PpoConfig
 from hotice.sim.physics.protocol import BACKENDS
 from hotice.sim.starts import NEAREST_M
-from hotice.task.config import TaskConfig, get_preset
-
-
-@dataclass(frozen=True, kw_only=True)
-class PpoConfig:
-    """Proximal policy optimisation."""
-
-    steps: int = 24
-    """Control steps per environment and update (FALCON)."""
-    epochs: int = 3
-    """Passes over a rollout (ours; CAT 4)."""
-    minibatches: int = 4
-    """Minibatches a pass (ours; CAT 32 of a far larger rollout)."""
-    gamma: float = 0.99
-    """Discount (FALCON)."""
-    lam: float = 0.95
-    """Decay of generalised advantages (CAT)."""
-    clip: float = 0.2
-    """Clipping of the probability ratio (CAT)."""
-    value_clip: float = 1.0
-    """Clipping of the value, in units of the return (ours)."""
-    learning_rate: float = 1e-3
-    """First learning rate; each agent's then follows its own KL divergence (FALCON)."""
-    max_learning_rate: float = 3e-3
-    """Upper limit of the learning rate (ours)."""
-    target_kl: float = 0.03
-    """Target KL divergence of a minibatch from the rollout policy (ours; FALCON 0.01)."""
-    entropy: float = 0.0005
-    """Weight of the entropy bonus (ours; CAT 0.01)."""
-    value_weight: float = 1.0
-    """Weight of the value loss (ours)."""
-    mirror_weight: float = 0.5
-    """Weight of the mirror loss of the actors; 0 switches it off (ours)."""
-    max_grad_norm: float = 1.0
-    """Gradient clipping, per agent (FALCON)."""
-    min_std: float = 0.12
-    """Lower limit of the action's standard deviation (ours)."""
-
-    def __post_init__(self) -> None:
-        checks.wholes(self, checks.COUNT, "steps", "epochs", "minibatches")
-        checks.numbers(self, checks.SHARE, "gamma", "lam")
-        checks.numbers(self, checks.POSITIVE, "clip", "value_clip", "learning_rate", "max_learning_rate")
-        checks.numbers(self, checks.POSITIVE, "target_kl", "max_grad_norm", "min_std")
-        checks.numbers(self, checks.NOT_NEGATIVE, "entropy", "value_weight", "mirror_weight")
+from hotice.task.config import TaskConfig
+from hotice.task.presets import get_preset
+from hotice.version import source_version
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,3 +133,14 @@ def _check_students(task: TaskConfig) -> None:
                 f"{name} is set explicitly, but --perturbed replaces it by the students' values: use --no-perturbed "
                 "and set every source of perturbation yourself"
             )
+
+
+def config_to_dict(config: Any) -> Any:
+    """A configuration as JSON-ready values."""
+    return json.loads(json.dumps(dataclasses.asdict(config), default=str))
+
+
+def write_config(config: TrainConfig) -> None:
+    """Writes `config.json` of a run, aside and renamed. Raises `OutputError`."""
+    content = {**config_to_dict(config), "source": source_version()}
+    write_text(make_folder(config.out) / "config.json", json.dumps(content, indent=1) + "\n")

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from hotice.sim.env import Step
-from hotice.sim.terminations import OUTCOMES
+from hotice.task.rules import OUTCOMES
 
 
 class EpisodeStatistics:

@@ -22,13 +22,15 @@ from numpy.typing import NDArray
 from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidObject, InvalidScene
+from hotice.model.frames import rotation_z
 from hotice.model.generate.envelope import FEET, POSTURES, SHINS, Envelope
 from hotice.model.generate.lattice_search import CAP_M, HEADINGS, BodyGrid, LatticePath, search
 from hotice.model.scene import Scene
 
 MARGIN_M = 0.02
 """Least distance between envelope and obstacles."""
-GOAL_RADIUS_M = 0.1
+REACHED_M = 0.1
+"""A path that ends so near to the goal reaches it: not farther than where the task counts an arrival."""
 BORDER_M = 0.2
 BLOCK = 4
 MAX_PLACES = 600_000
@@ -76,7 +78,7 @@ def check_traversable(
     checks.number("resolution_m", resolution_m, Range(least=0.01, most=0.1, unit="m"))
     envelope = Envelope.of(carried_half_extents_m)
     grid = _grid(scene, resolution_m, CAP_M + float(envelope.ball[:, 3].max()))
-    found = search(grid, envelope, scene.start, scene.goal, GOAL_RADIUS_M, MARGIN_M)
+    found = search(grid, envelope, scene.start, scene.goal, REACHED_M, MARGIN_M)
     yaw = np.array([math.atan2(y, x) for x, y in HEADINGS])[found.node[:, 2]]
     path = np.column_stack([grid.places(found.node[:, :2]), yaw])
     return Traversal(
@@ -148,8 +150,7 @@ def _reason(scene: Scene, envelope: Envelope, end: NDArray, found: LatticePath) 
     ahead = math.atan2(scene.goal[1] - y, scene.goal[0] - x)
     blocks = [FEET, SHINS, *envelope.posture_blocks[found.node[-1, 3]].tolist()]
     rows = np.concatenate([np.arange(*envelope.first[b : b + 2].tolist()) for b in blocks])
-    c, s = math.cos(yaw), math.sin(yaw)
-    p_W = envelope.centre[rows] @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    p_W = envelope.centre[rows] @ rotation_z(-yaw)
     p_W += [x + step * math.cos(ahead), y + step * math.sin(ahead), 0.0]
     depth = [(float((o.signed_distance(p_W) - envelope.radius[rows]).min()), o.name) for o in scene.obstacles]
     return f"stopped by {repr(min(depth)[1]) if depth else 'the bounds'} {where}"

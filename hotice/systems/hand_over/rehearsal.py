@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.model import g1
 from hotice.policy.guidance import read_fields
 from hotice.policy.observation import Carrying, observe, remember
 from hotice.policy.percept import Percept, PerceptModel
@@ -41,8 +42,7 @@ class Sensing:
         cfg, dt_s, k = self._config, self._dt_s, self._count
         if cfg.exact and not self._offset.any():
             return true
-        hold = max(1, round(1.0 / (cfg.root_hz * dt_s))) if cfg.root_hz else 1
-        gain = min(1.0, dt_s / cfg.object_filter_s) if cfg.object_filter_s else 1.0
+        hold, gain = cfg.hold_steps(dt_s), cfg.object_gain(dt_s)
         percept, self._estimate = measure(
             true,
             self._estimate,
@@ -85,9 +85,9 @@ class Rehearsal:
     def _try(self, state: Array, push_m_s: float, sensing: Sensing) -> int:
         carry, task, model = self._setup.carry, self._task, self._stage.model
         data = mujoco.MjData(model)
-        q, qd, servo = data.qpos[7:27], data.qvel[6:26], self._servo
+        q, qd, servo = data.qpos[g1.JOINT_POS], data.qvel[g1.JOINT_VEL], self._servo
         data.qpos[:], data.qvel[:] = self._stage.start(state, push_m_s)
-        carrying, action, phase = Carrying.of(carry), np.zeros(20), 0.0
+        carrying, action, phase = Carrying.of(carry), np.zeros(g1.ACTIONS), 0.0
         past = np.zeros(task.history * history.FRAME)
         for _ in range(round(self.config.horizon_s / task.control_dt_s)):
             now = robot_state_of_mujoco(np.concatenate([data.qpos, data.qvel]), carry.wrist_pos)

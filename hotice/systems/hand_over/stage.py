@@ -8,14 +8,24 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.model import builder, g1
+from hotice.model import g1
 from hotice.systems.setup.setup import StationSetup
-from hotice.systems.signals import JOINT_POS, JOINT_VEL, NQ
+from hotice.systems.signals import (
+    JOINT_POS,
+    JOINT_VEL,
+    OBJECT_POS,
+    OBJECT_QUAT,
+    OBJECT_RATE,
+    OBJECT_VEL,
+    ROOT_RATE,
+    ROOT_VEL,
+)
+from hotice.task import rules
+from hotice.task.judge import Judge
 
 Array = NDArray[np.float64]
 VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diverged", "no_way")
 """How a rehearsal ended; `fit`: nothing happened; `no_way`: the walking baseline has no plan to the goal."""
-FALLEN_M, UPRIGHT, LOST_M = 0.5, 0.7, 0.15
 
 
 class RehearsalStage:
@@ -23,29 +33,18 @@ class RehearsalStage:
 
     def __init__(self, setup: StationSetup) -> None:
         self.model = setup.model()
-        self._hands = [self.model.site(name).id for name in ("left_hand", "right_hand")]
-        self._pelvis = self.model.body(g1.ROOT_BODY).id
-        self._hits = bool(setup.world.obstacles)
+        self._judge = Judge(self.model, rules.falling)
 
     def start(self, state: Array, push_m_s: float) -> tuple[Array, Array]:
         """Configuration (34,) and velocity (32,) of a robot state (84,), its root pushed to the left."""
-        qpos = np.concatenate([state[:7], state[JOINT_POS], state[36:43]])
-        qvel = np.concatenate([state[NQ : NQ + 6], state[JOINT_VEL], state[NQ + 35 :]])
+        root = (g1.ROOT_POS, g1.ROOT_QUAT)
+        qpos = np.concatenate([state[part] for part in (*root, JOINT_POS, OBJECT_POS, OBJECT_QUAT)])
+        qvel = np.concatenate([state[part] for part in (ROOT_VEL, ROOT_RATE, JOINT_VEL, OBJECT_VEL, OBJECT_RATE)])
         yaw = 2.0 * math.atan2(state[6], state[3])
         qvel[:2] += push_m_s * np.array([-math.sin(yaw), math.cos(yaw)])
         return qpos, qvel
 
     def verdict(self, data: mujoco.MjData) -> int:
         """Index into `VERDICTS` of what is wrong with the present state, 0 for nothing."""
-        if not np.isfinite(data.qpos).all():
-            return VERDICTS.index("diverged")
-        if data.qpos[2] < FALLEN_M or data.xmat[self._pelvis][8] < UPRIGHT:
-            return VERDICTS.index("fall")
-        apart = np.linalg.norm(data.qpos[27:30] - data.site_xpos[self._hands].mean(axis=0))
-        if apart > LOST_M:
-            return VERDICTS.index("drop")
-        if self._hits:
-            for name, verdict in zip(builder.HIT_SENSORS, ("robot_collision", "object_collision"), strict=True):
-                if data.sensor(name).data[0] > 0:
-                    return VERDICTS.index(verdict)
-        return 0
+        failed = self._judge.failure(data) or self._judge.collision(data)
+        return VERDICTS.index("diverged" if failed == "unstable" else failed or "fit")

@@ -14,12 +14,11 @@ from hotice.model import builder
 from hotice.systems.hand_over.mode_selector import MODES
 from hotice.systems.hand_over.stage import VERDICTS
 from hotice.systems.logs import SignalLog
-from hotice.systems.signals import NQ, OBJECT_POS
+from hotice.systems.signals import NQ
+from hotice.task.judge import Judge
 
 if TYPE_CHECKING:
     from hotice.systems.station.make import Station
-
-FALLEN_M, LOW_M, APART_M = 0.5, 0.25, 0.15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +28,8 @@ class HandOverReport:
     Attributes:
         who: of `MODES`, who commands at the end. time_s: of the decision, None where there was none.
         verdict: of `VERDICTS`, why the policy was not let, "fit" where it was, empty without a decision.
-        failure: empty, or what happened: no hand-over, fall, drop. failed_s: after the decision, where it failed.
+        failure: empty, or what happened: no hand-over, or a fall, a drop or a diverged state.
+        failed_s: after the decision, where it failed.
         walk_verdict: of `VERDICTS`, how the walk's rehearsal ended, empty where there was none.
     """
 
@@ -86,17 +86,14 @@ def report_hand_over(station: Station, logs: Mapping[str, SignalLog]) -> HandOve
 
 
 def _failure(station: Station, qpos: np.ndarray) -> tuple[str, int]:
+    """What first went wrong in states (T, 43), and in which; empty for nothing."""
     model = builder.build_model(station.carry.carried, joints=29, floor=False)
-    data = mujoco.MjData(model)
-    hands = [model.site(name).id for name in ("left_hand", "right_hand")]
+    data, referee = mujoco.MjData(model), Judge(model)
     for row, q in enumerate(qpos):
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
-        if q[2] < FALLEN_M:
-            return "fall", row
-        apart = np.linalg.norm(q[OBJECT_POS] - data.site_xpos[hands].mean(axis=0))
-        if apart > APART_M or q[OBJECT_POS][2] < LOW_M:
-            return "drop", row
+        if failed := referee.failure(data):
+            return failed, row
     return "", 0
 
 
@@ -104,6 +101,6 @@ def _why_not(station: Station, logs: Mapping[str, SignalLog]) -> str:
     from hotice.control.pickup import PHASES
 
     phase = int(logs["pickup.phase"].value[-1, 0])
-    if logs["state_adaptor.robot_state"].value[-1, 2] < FALLEN_M:
+    if _failure(station, logs["state_adaptor.robot_state"].value[-1:, :NQ])[0] == "fall":
         return "the robot fell while picking up"
     return f"no hand-over: the pick-up ended in phase {PHASES[phase] if phase >= 0 else 'none'}"

@@ -7,20 +7,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
+from hotice.model import builder
 from hotice.replay import RolloutRecord
 from hotice.systems.logs import read_logs
 from hotice.systems.record.hand_over import HandOverReport, report_hand_over
 from hotice.systems.record.rollout import to_record
-from hotice.systems.signals import OBJECT_POS
+from hotice.systems.signals import NQ, OBJECT_POS
 from hotice.systems.station.make import Station
+from hotice.task.judge import Judge
+from hotice.task.rules import arrived
 
 PICK_S = 40.0
 """Longest pick-up, steps away from the table included."""
-HELD_S, AT_GOAL_S, FALLEN_M, LOST_M, GOAL_M = 2.0, 0.6, 0.4, 0.25, 0.1
+HELD_S = 2.0
+"""How long a pick-up that hands nothing over is shown holding the object."""
+AFTER_S = 0.6
+"""What is shown of what follows the end."""
 CHECK_S = 0.1
+"""How often is looked whether the run is over."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,23 +44,39 @@ def play_station(station: Station, seconds: float) -> Run:
     simulator = Simulator(station)
     context = simulator.get_context()
     adaptor = station.GetSubsystemByName("state_adaptor")
+    referee = Referee(station)
     state, of_adaptor = adaptor.GetOutputPort("robot_state"), adaptor.GetMyContextFromRoot(context)
     goal, end = np.array(station.scene.goal), np.inf
     begun = None if station.pick is not None else 0.0
     while context.get_time() < end:
         simulator.AdvanceTo(context.get_time() + CHECK_S)
-        now, x = context.get_time(), state.Eval(of_adaptor)
+        now, x = context.get_time(), np.asarray(state.Eval(of_adaptor))
         if begun is None and _held(station, simulator):
             begun = now
         limit = PICK_S if begun is None else begun + (HELD_S if station.controller_name == "pickup" else seconds)
-        over = x[2] < FALLEN_M or x[OBJECT_POS][2] < LOST_M
-        if begun is not None and np.linalg.norm(x[:2] - goal) < GOAL_M:
-            over = True
-        end = min(end, limit, now + AT_GOAL_S if over else np.inf)
+        failed = referee(x)
+        if begun is None:
+            over = failed == "fall" or x[OBJECT_POS][2] < station.config.support_height_m
+        else:
+            over = bool(failed) or arrived(np.linalg.norm(x[:2] - goal))
+        end = min(end, limit, now + AFTER_S if over else np.inf)
     hands_over = station.controller_name == "pickup_then_policy"
     report = report_hand_over(station, read_logs(station, context)) if hands_over else None
     who = f"{station.controller_name}: {report.who}" if report else station.controller_name
     return Run(record=to_record(station, context, policy=who), hand_over=report)
+
+
+class Referee:
+    """Says what is wrong with a robot state (84,), as `Judge.failure`."""
+
+    def __init__(self, station: Station) -> None:
+        self._model = builder.build_model(station.carry.carried, joints=29, floor=False)
+        self._data, self._judge = mujoco.MjData(self._model), Judge(self._model)
+
+    def __call__(self, state: np.ndarray) -> str:
+        self._data.qpos[:], self._data.qvel[:] = state[:NQ], state[NQ:]
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._judge.failure(self._data)
 
 
 def _held(station: Station, simulator: Simulator) -> bool:

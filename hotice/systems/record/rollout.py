@@ -17,6 +17,8 @@ from hotice.policy.percept import NUM_SGF, Percept
 from hotice.replay import RolloutRecord
 from hotice.systems.logs import SignalLog, read_logs
 from hotice.systems.signals import NQ
+from hotice.task.judge import Judge
+from hotice.task.rules import arrived
 
 if TYPE_CHECKING:
     from hotice.systems.station.make import Station
@@ -29,7 +31,7 @@ def to_record(
 ) -> RolloutRecord:
     """The logged rollout as the project's record.
 
-    `outcome`: as in `hotice.replay.rollout.OUTCOMES`, default: judged; `policy`: what acted, default the controller's
+    `outcome`: as in `hotice.task.rules.OUTCOMES`, default: judged; `policy`: what acted, default the controller's
     name. Raises `NotAvailable` for a station that does not log.
     """
     logs = read_logs(station, context)
@@ -65,27 +67,19 @@ def _carried_from(phase: SignalLog, rows: int) -> int:
 def judge(station: Station, qpos: Array) -> str:
     """Outcome of a rollout of states (T, 43), exact geometry: first of collision, fall, drop and success.
 
-    Conditions are the task's (`hotice.sim.terminations`); collisions are looked for at the states given. A pick-up is
-    judged from where it holds the object; one that never does has run out of time.
+    Conditions are the task's (`hotice.task.rules`); collisions are looked for at the states given. A pick-up is judged
+    from where it holds the object; one that never does has run out of time.
     """
     import mujoco
 
     model = models.build_model(station.carry.carried, station.scene, joints=29)
     data = mujoco.MjData(model)
-    hands = [model.site(name).id for name in ("left_hand", "right_hand")]
-    pelvis = model.body("pelvis").id
+    referee = Judge(model)
     for row in qpos:
         data.qpos[:] = row
         mujoco.mj_forward(model, data)
-        if row[2] < 0.35 or data.xmat[pelvis][8] < 0.5:
-            return "fall"
-        apart = np.linalg.norm(row[36:39] - data.site_xpos[hands].mean(axis=0))
-        if apart > 0.15 or row[38] < 0.25:
-            return "drop"
-        if station.scene.obstacles:
-            for name, outcome in zip(models.HIT_SENSORS, ("robot_collision", "object_collision"), strict=True):
-                if data.sensor(name).data[0] > 0:
-                    return outcome
-        if np.linalg.norm(row[:2] - station.scene.goal) < 0.1:
+        if failed := referee.failure(data) or referee.collision(data):
+            return failed
+        if arrived(np.linalg.norm(row[:2] - station.scene.goal)):
             return "success"
     return "timeout"

@@ -25,6 +25,7 @@ from hotice.model.objects import Box, CarriedObject, object_from_dict
 from hotice.model.scene import Scene
 from hotice.systems.safety_monitor import SafetyLimits
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
+from hotice.task.config import TaskConfig
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 MAX_FILE_BYTES = 2**20
@@ -66,7 +67,7 @@ class StationConfig:
     nominal, student, robot, robot_nominal or paper (see docs/contacts.md), or a mapping."""
     push_m_s: float = 0.0
     """Largest push, a sudden change of the pelvis' velocity (MuJoCo plant; students: 1.0); 0: none."""
-    push_interval_s: float = 7.5
+    push_interval_s: float = TaskConfig.push_interval_s
     """Mean time between pushes (the evaluation's)."""
     seed: int = 0
     """Seed of the sensors' noise and delays, of dynamics and pushes."""

@@ -12,6 +12,7 @@ from hotice.control.pickup.controller import Pickup
 from hotice.control.pickup.end_state import carry_at_end
 from hotice.control.pickup.footwork import Departure
 from hotice.errors import PickInfeasible
+from hotice.model import g1
 from hotice.model.carry import CarryState
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.scene import Scene
@@ -56,9 +57,9 @@ def plan_pick(config: StationConfig, scene: Scene, departure: Departure | None) 
     q = controller.start_q
     qpos = np.concatenate(
         [
-            quat_rotate(turn, q[:3]) + offset,
-            quat_mul(turn, np.roll(q[3:7], 1)),
-            q[7:27],
+            quat_rotate(turn, q[g1.ROOT_POS]) + offset,
+            quat_mul(turn, np.roll(q[g1.ROOT_QUAT], 1)),
+            q[g1.JOINT_POS],
             quat_rotate(turn, p_GO) + offset,
             quat_mul(turn, upright),
         ]

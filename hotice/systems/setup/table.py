@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hotice.errors import InvalidStation
-from hotice.model.frames import quat_from_yaw, quat_rotate
+from hotice.model.frames import quat_from_yaw, quat_rotate, rotation_z
 from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
 from hotice.systems.setup.config import StationConfig
@@ -57,8 +57,7 @@ def _clear(scene: Scene, config: StationConfig) -> bool:
     ahead, across = np.meshgrid(np.linspace(near, near + depth, 9), np.linspace(-0.5, 0.5, 9) * width)
     table = np.stack([ahead.ravel(), across.ravel()], axis=1)
     body = np.array([[-0.4, 0.0], [-0.2, 0.0], [0.0, 0.0]])
-    c, s = np.cos(yaw), np.sin(yaw)
-    R_WG = np.array([[c, -s], [s, c]])
+    R_WG = rotation_z(yaw)[:2, :2]
     for points, margin in ((table, 0.05), (body, BODY_M)):
         xy = points @ R_WG.T + [x, y]
         for z in HEIGHTS_M:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
 
+from hotice.model import g1
 from hotice.systems.compose import connect
 from hotice.systems.controller_system import ControllerSystem
 from hotice.systems.hand_over.mode_selector import HandOver, ModeSelector
@@ -96,7 +97,7 @@ def _add_walk(builder: DiagramBuilder, setup: StationSetup, sensed: Sensed) -> S
 def _add_pickup(builder: DiagramBuilder, pick: PickSetting, sensed: Sensed) -> System:
     from hotice.control.pickup import PHASES
 
-    system = ControllerSystem(pick.controller, PHASES, np.zeros(20), pick.origin)
+    system = ControllerSystem(pick.controller, PHASES, np.zeros(g1.ACTIONS), pick.origin)
     return _add_steps(builder, "pickup", system, sensed)
 
 

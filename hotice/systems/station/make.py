@@ -20,12 +20,13 @@ from hotice.systems.compose import build, connect
 from hotice.systems.guidance_field import GuidanceFieldSystem
 from hotice.systems.logs import add_loggers
 from hotice.systems.safety_monitor import SafePosture, SafetyMonitor
-from hotice.systems.sensor_model import SensorModel, draw_delays
+from hotice.systems.sensor_model import SensorModel
 from hotice.systems.setup.config import StationConfig
 from hotice.systems.setup.setup import StationSetup
 from hotice.systems.station.controllers import Sensed, add_controller
 from hotice.systems.station.plants import add_plant
 from hotice.systems.visualizer import Visualizer
+from hotice.task.sensing import draw_delays
 
 if TYPE_CHECKING:
     from hotice.control.walk.plan import WalkPlan

@@ -10,7 +10,7 @@ from hotice.learn.policy import torch_policy
 from hotice.learn.ppo.networks import ActorCritic
 from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.runner import Runner
-from hotice.task.config import get_preset
+from hotice.task.presets import get_preset
 
 
 @pytest.fixture

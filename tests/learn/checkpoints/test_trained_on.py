@@ -16,14 +16,15 @@ from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn, in_words
 from hotice.learn.checkpoints.training_scenes import TrainingScenes, whole_record
 from hotice.learn.distill.config import DistillConfig
 from hotice.learn.distill.dagger import DistillRunner
-from hotice.learn.policy import export_onnx, load_policy, torch_policy
+from hotice.learn.export import export_onnx
+from hotice.learn.policy import load_policy, torch_policy
 from hotice.learn.train.runner import Runner
 from hotice.model.generate.families import family_scenes
 from hotice.model.generate.family_names import family_of
-from hotice.model.scene import load_scene, load_scenes
 from hotice.model.scene_digest import scene_digest
+from hotice.model.shipped import load_scene, load_scenes
 
-CHECKPOINTS = Path(__file__).parents[2] / "checkpoints"
+CHECKPOINTS = Path(__file__).parents[3] / "checkpoints"
 
 
 def scenes_of(path):

@@ -7,7 +7,8 @@ import torch
 
 from hotice.errors import CheckpointError
 from hotice.learn.checkpoints.widen import alike, columns_within, widen
-from hotice.learn.train.config import PpoConfig, TrainConfig
+from hotice.learn.ppo.config import PpoConfig
+from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.runner import Runner
 from hotice.task.config import TaskConfig
 

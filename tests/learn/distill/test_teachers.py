@@ -7,7 +7,7 @@ from hotice.errors import CheckpointError
 from hotice.learn.checkpoints.checkpoint import load_checkpoint, save_checkpoint
 from hotice.learn.distill.teachers import Teachers, columns_in
 from hotice.learn.policy import torch_policy
-from hotice.learn.train.runner import config_to_dict
+from hotice.learn.train.config import config_to_dict
 
 
 @pytest.fixture

@@ -4,14 +4,14 @@ import pytest
 import torch
 
 from hotice.errors import DivergedError
+from hotice.learn.ppo.config import PpoConfig
 from hotice.learn.ppo.dual_ppo import DualPpo
 from hotice.learn.ppo.learner import MIRROR_ROWS
 from hotice.learn.ppo.losses import clipped_surrogate, clipped_value
 from hotice.learn.ppo.networks import ActorCritic
 from hotice.learn.ppo.storage import Rollout
-from hotice.learn.train.config import PpoConfig
 from hotice.sim.observations import mirror_action
-from hotice.task.config import DUAL, SINGLE
+from hotice.task.presets import DUAL, SINGLE
 
 OBS, CRITIC, STEPS, ENVS = 11, 13, 4, 6
 

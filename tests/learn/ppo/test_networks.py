@@ -2,7 +2,7 @@ import torch
 
 from hotice.learn.ppo.networks import ActorCritic, Normalizer
 from hotice.sim.observations import POLICY, ObservationTable
-from hotice.task.config import DUAL, SINGLE
+from hotice.task.presets import DUAL, SINGLE
 
 
 def net(agents=DUAL, obs=11, critic=13):

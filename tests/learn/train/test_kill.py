@@ -1,7 +1,7 @@
 """Work that is killed at random moments, again and again, ends bit for bit where undisturbed work ends.
 
-By default thirteen kills in all, three a command; `HOTICE_KILLS=10 pytest tests/learn/test_kill.py` kills each ten
-times.
+By default thirteen kills in all, three a command; `HOTICE_KILLS=10 pytest tests/learn/train/test_kill.py` kills each
+ten times.
 """
 
 import json

@@ -62,7 +62,7 @@ def test_two_and_two_updates_are_four_bit_for_bit(tiny, tmp_path):
 
 def test_a_run_that_goes_on_as_it_was_says_nothing(run, tiny, tmp_path):
     shutil.copytree(run, tmp_path / "run")
-    assert Runner(tiny(tmp_path / "run", resume=True)).anew == ""
+    assert Runner(tiny(tmp_path / "run", resume=True)).notice == ""
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import torch
 
 from hotice.learn.train.statistics import EpisodeStatistics
-from hotice.sim.terminations import OUTCOMES
+from hotice.task.rules import OUTCOMES
 
 TIMEOUT, FALL = OUTCOMES.index("timeout"), OUTCOMES.index("fall")
 

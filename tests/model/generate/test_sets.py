@@ -6,7 +6,7 @@ from hotice.errors import UnknownName
 from hotice.model import Scene, load_scene, load_scenes
 from hotice.model.generate import check_traversable
 from hotice.model.generate.sets import INDOOR_LONGEST_M, LONGEST_M, SETS, draw_entry
-from hotice.model.scene import SHIPPED, shipped_scenes, shipped_sets
+from hotice.model.shipped import SHIPPED, shipped_scenes, shipped_sets
 
 SIZES = {"bench20": 20, "train75": 75, "unseen50": 50}
 DIGESTS = {

@@ -1,7 +1,7 @@
 """Writes the fixture `data/front3d`: a made-up house in the layout of 3D-FRONT, with one of each defect of the real
 data.
 
-    python tests/model/front3d_fixture.py [FOLDER]
+    python tests/model/importers/front3d_fixture.py [FOLDER]
 
 Seen in z-up H: a living room 0 <= x <= 5, 0 <= y <= 4, then a wall of 20 cm with a doorway at 1.5 <= y <= 2.5, then a
 bedroom 5.2 <= x <= 9.2. In the file y is up: (x, y, z) of H is written (x, z, -y). No part of the data set is in it.

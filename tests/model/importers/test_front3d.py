@@ -24,7 +24,7 @@ from hotice.model.importers.house_scenes import (
 )
 from hotice.model.importers.polygons import triangulated
 from hotice.model.importers.solids import MAX_BODIES, SHEET_M, VOXEL_M, solidify
-from tests.model import front3d_fixture as fixture
+from tests.model.importers import front3d_fixture as fixture
 
 HOUSE, MODELS = fixture.FOLDER / "house.json", fixture.FOLDER / "models"
 

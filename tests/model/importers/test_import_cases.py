@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import trimesh
-from tests.model.test_importers import block, pcd_bytes, rectangle, room, turned
 
 from hotice.errors import InvalidConfig, InvalidMap, InvalidScene
 from hotice.model.frames import quat_from_axis_angle, quat_to_mat
@@ -12,6 +11,7 @@ from hotice.model.importers import voxels
 from hotice.model.importers.bodies import inside, rooms_and_solids
 from hotice.model.importers.scene_import import ImportOptions, from_points, from_triangles, import_scene
 from hotice.model.importers.upright import TURNED, fit_upright
+from tests.model.importers.test_importers import block, pcd_bytes, rectangle, room, turned
 
 ACROSS = ImportOptions(start=(0.0, 0.0), goal=(2.0, 0.0))
 

@@ -90,7 +90,7 @@ class _Problem:
             for row in [*self.guess.grasp_rows(p, stiff, turn), self._posture(posture_weights(ARM_WEIGHT))]
         ]
         hands = Frames(p=t.p_WF[HANDS].copy(), R=t.R_WF[HANDS].copy())
-        J_hands, joints = t.J_WF[HANDS] @ by_x, t.q[7:].copy()
+        J_hands, joints = t.J_WF[HANDS] @ by_x, t.q[g1.JOINT_POS].copy()
         _, by_x = self._at(self.carry, x[CARRY])
         at, height = self._object(x), HEIGHT_WEIGHT * (t.p_WF[PELVIS, 2:3] - self.carry[2])
         found += [
@@ -106,7 +106,7 @@ class _Problem:
         found += [self._hold(i, hands, J_hands[i], at, by_x) for i in range(2)]
         travel = np.zeros((8, N))
         travel[:, CARRY], travel[:, GRASP] = TRAVEL_WEIGHT * np.eye(NV)[ARMS], -TRAVEL_WEIGHT * np.eye(NV)[ARMS]
-        found.append((TRAVEL_WEIGHT * (t.q[7:] - joints)[g1.UPPER], travel))
+        found.append((TRAVEL_WEIGHT * (t.q[g1.JOINT_POS] - joints)[g1.UPPER], travel))
         weight = np.append(PLACE_WEIGHT, YAW_WEIGHT)
         found.append((weight * x[2 * NV :], np.hstack([np.zeros((4, 2 * NV)), np.diag(weight)])))
         return np.concatenate([r for r, _ in found]), np.concatenate([J for _, J in found])
@@ -123,7 +123,7 @@ class _Problem:
     def _posture(self, weight: Array) -> Rows:
         J = np.zeros((20, NV))
         J[:, 6:] = np.diag(weight)
-        return weight * (self.terms.q[7:] - self.wish), J
+        return weight * (self.terms.q[g1.JOINT_POS] - self.wish), J
 
     def _object(self, x: Array) -> ObjectPose:
         return ObjectPose.of(self.task.final.p_WO + x[PLACE], quat_from_yaw(float(x[YAW])))

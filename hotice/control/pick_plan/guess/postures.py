@@ -77,7 +77,7 @@ class Guess:
                 p.hand_places(pose, p_OH, np.eye(3)[[0, 2]], 15.0),
             ]
 
-        return self._solve(grasp, grasp[7:], posture_weights(ARM_WEIGHT), rows)
+        return self._solve(grasp, grasp[g1.JOINT_POS], posture_weights(ARM_WEIGHT), rows)
 
     def crouch(self, grasp: Array) -> Array:
         """The body as at the grasp, the arms drawn back."""
@@ -143,8 +143,8 @@ class Guess:
         Unknowns are increments from `nominal`, (26,), from `start`.
         """
         t, pin = self.terms, self._pin
-        lower = np.concatenate([np.full(6, -1.5), t.lower + JOINT_MARGIN_RAD - nominal[7:]])
-        upper = np.concatenate([np.full(6, 1.5), t.upper - JOINT_MARGIN_RAD - nominal[7:]])
+        lower = np.concatenate([np.full(6, -1.5), t.lower + JOINT_MARGIN_RAD - nominal[g1.JOINT_POS]])
+        upper = np.concatenate([np.full(6, 1.5), t.upper - JOINT_MARGIN_RAD - nominal[g1.JOINT_POS]])
         t.v[:] = 0.0
         pose = Pose(t)
         eye = np.zeros((20, NV))
@@ -154,7 +154,7 @@ class Guess:
             t.q[:] = pin.integrate(t.model, nominal, x)
             t.refresh()
             found = rows(pose)
-            found.append((weight * (t.q[7:] - posture), eye))
+            found.append((weight * (t.q[g1.JOINT_POS] - posture), eye))
             J = np.concatenate([j for _, j in found])
             return np.concatenate([r for r, _ in found]), J @ pin.dIntegrate(t.model, nominal, x, pin.ARG1)
 
@@ -167,7 +167,7 @@ class Guess:
 
 def posture_weights(arms: float) -> Array:
     """Weights of the joints' posture, (20,): light legs."""
-    weight = np.full(20, arms)
+    weight = np.full(g1.ACTIONS, arms)
     weight[g1.LOWER] = LEG_WEIGHT
     return weight
 

@@ -13,6 +13,7 @@ from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M
 from hotice.control.pick_plan.task import ObjectPose
 from hotice.control.whole_body.terms import LEFT_HAND, NV, PELVIS, Terms
 from hotice.model.carry import surface_distance
+from hotice.model.frames import rotation_z
 from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
@@ -103,9 +104,7 @@ class Pose:
         now = np.array(
             [np.arctan2(R[2, 1], R[2, 2]), np.arcsin(np.clip(-R[2, 0], -1, 1)), np.arctan2(R[1, 0], R[0, 0])]
         )
-        c, s = np.cos(now[2]), np.sin(now[2])
-        heading = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        return weight * (now - rpy), weight[:, None] * (heading @ t.J_WF[PELVIS, 3:])
+        return weight * (now - rpy), weight[:, None] * (rotation_z(-now[2]) @ t.J_WF[PELVIS, 3:])
 
 
 @compiled

@@ -73,9 +73,16 @@ class KeyframeSolver:
         crouch = self._before(guess.crouch(grasp), grasp, pelvis, None)
         rpy = _rpy(self.terms, grasp)
         up = hands.carried_along(task.pose, task.lifted)
-        guessed = guess.held(grasp, grasp[7:], up, task.lifted, rpy, arms=0.5)
+        guessed = guess.held(grasp, grasp[g1.JOINT_POS], up, task.lifted, rpy, arms=0.5)
         lifted = self._held(
-            guessed, grasp[7:], up, task.lifted, grasp[3:7], 0.5, (LIFTED_M, LIFTED_RAD), "lifting the object"
+            guessed,
+            grasp[g1.JOINT_POS],
+            up,
+            task.lifted,
+            grasp[g1.ROOT_QUAT],
+            0.5,
+            (LIFTED_M, LIFTED_RAD),
+            "lifting the object",
         )
         low = hands.carried_along(task.pose, both.at)
         carry = task.grip.carry
@@ -141,7 +148,7 @@ class KeyframeSolver:
         """Posture before the grasp: near its body, hands above the support; with `p_OH` (2, 3) beside the object."""
         task, grip = self.task, self.task.grip
         ik = self._demand.standing(0.0, task.pose.p_WO)
-        ik.pelvis(pelvis, np.roll(grasp[3:7], 1), (10.0, 10.0))
+        ik.pelvis(pelvis, np.roll(grasp[g1.ROOT_QUAT], 1), (10.0, 10.0))
         top = grip.support.top_m + TIPS_ABOVE_M
         for i, link in enumerate(HANDS):
             for tip in TIPS_M:
@@ -155,7 +162,7 @@ class KeyframeSolver:
         for i, link in enumerate(HANDS):
             place = task.pose.p_WO + task.pose.R_WO @ p_OH[i]
             ik.point(link, self._demand.hand(i), place, [15.0, 0.0, 15.0], task.pose.R_WO)
-        ik.posture(grasp[7:], posture_weights(ARM_WEIGHT))
+        ik.posture(grasp[g1.JOINT_POS], posture_weights(ARM_WEIGHT))
         return ik.solve(guess, "no room for the hands beside the object")
 
     def _held(
@@ -197,4 +204,4 @@ class KeyframeSolver:
 
 def _rpy(terms: Terms, q: Array) -> Array:
     pin = terms._pin
-    return pin.rpy.matrixToRpy(pin.Quaternion(q[3:7]).matrix())
+    return pin.rpy.matrixToRpy(pin.Quaternion(q[g1.ROOT_QUAT]).matrix())

@@ -44,7 +44,7 @@ class DrakeRobot:
     def positions(self, q: Array) -> Array:
         """Configuration in Drake's order, from Pinocchio's (27,)."""
         out = np.empty(27)
-        out[:4], out[4:7], out[self.joints] = np.roll(q[3:7], 1), q[:3], q[7:]
+        out[:4], out[4:7], out[self.joints] = np.roll(q[g1.ROOT_QUAT], 1), q[g1.ROOT_POS], q[g1.JOINT_POS]
         return out
 
     def configuration(self, positions: Array) -> Array:

@@ -76,8 +76,8 @@ def rotation(cs, rpy):
 def to_x(pin, q: Array) -> Array:
     """Unknowns x (..., 26) of configurations (..., 27) in Pinocchio's order."""
     q = np.asarray(q)
-    rpy = np.array([pin.rpy.matrixToRpy(pin.Quaternion(row[3:7]).matrix()) for row in q.reshape(-1, 27)])
-    return np.concatenate([q[..., :3], rpy.reshape(*q.shape[:-1], 3), q[..., 7:]], axis=-1)
+    rpy = np.array([pin.rpy.matrixToRpy(pin.Quaternion(row[g1.ROOT_QUAT]).matrix()) for row in q.reshape(-1, 27)])
+    return np.concatenate([q[..., g1.ROOT_POS], rpy.reshape(*q.shape[:-1], 3), q[..., g1.JOINT_POS]], axis=-1)
 
 
 def to_q(pin, x: Array) -> Array:

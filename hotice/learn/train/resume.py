@@ -1,0 +1,150 @@
+"""Saving a training run, and going on with it or from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from hotice.errors import CheckpointError
+from hotice.learn import distributed
+from hotice.learn.checkpoints.average import averaged
+from hotice.learn.checkpoints.checkpoint import load_checkpoint, save_checkpoint
+from hotice.learn.checkpoints.health import check_weights
+from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of
+from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
+from hotice.learn.train.config import config_to_dict
+from hotice.learn.train.fit import kind_of, load_networks, same_version, widened
+from hotice.learn.train.run import Run
+from hotice.version import source_version
+
+
+def save_run(run: Run) -> None:
+    """Writes a checkpoint: what all ranks share, and each rank's own (`rankN.` before the names from rank 1 on).
+
+    All ranks call it together. Raises `OutputError`.
+    """
+    own = {f"env.{k}": v for k, v in run.env.state().items()} | run.algo.own_state()
+    own |= {"reached": run.stats.reached, "touched": run.stats.touched}
+    first, *others = distributed.collect(own)
+    tensors = {f"net.{k}": v for k, v in run.net.state_dict().items()} | run.algo.state() | first
+    tensors |= run.average.state()
+    tensors |= {f"rank{r}.{k}": v for r, other in enumerate(others, 1) for k, v in other.items()}
+    tensors["curriculum"] = run.curriculum.rate
+    tensors |= run.stages.state()
+    meta: dict[str, Any] = {
+        **run.algo.meta(),
+        "steps": run.steps,
+        "minutes": run.minutes,
+        "config": config_to_dict(run.config),
+        "layout": run.env.policy_table.layout(),
+        "critic_layout": run.env.critic_table.layout(),
+        "scenes": run.env.bank.names,
+        "source": source_version(),
+        ANCESTORS: run.ancestors,
+        TRAINED_ON: run.trained_on.to_json(),
+        "num_envs": run.env.num_envs,
+        "ranks": distributed.size(),
+    }
+    if distributed.rank() == 0:
+        save_checkpoint(run.config.out, run.update, tensors, meta)
+
+
+def load_run(run: Run, path: Path) -> None:
+    """Restores a run from its newest checkpoint. Raises `CheckpointError` when it does not fit this one.
+
+    With other ranks, environments, scenes, task or perturbations episodes begin again; `run.notice` holds the message.
+    """
+    tensors, meta = load_checkpoint(path, run.env.device)
+    with same_version(path):
+        _restore(run, path, tensors, meta)
+
+
+def _restore(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
+    if kind_of(meta) != run.algo.kind:
+        raise CheckpointError(
+            f"{path}: was trained by {kind_of(meta)!r}, not {run.algo.kind!r}: give another folder as out, or it "
+            "as init"
+        )
+    load_networks(run, path, tensors, meta)
+    run.average.restart(run.net)
+    run.average.load_state(tensors)
+    run.algo.load_state(tensors, meta)
+    run.update, run.steps, run.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
+    run.ancestors = dict(meta.get(ANCESTORS, {}))
+    run.trained_on = TrainedOn.of_meta(meta, str(path)) | run.trained_on
+    if MERGED in meta:  # its first part, whose counters go on
+        run.ancestors.pop(meta[MERGED][0]["sha256"], None)
+    run.stages.load_state(tensors)
+    _keep_rates(run, tensors["curriculum"], meta["scenes"])
+    _restore_own(run, path, tensors, meta)
+
+
+def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
+    """What each rank has of its own: random numbers, and episodes where nothing differs that they depend on."""
+    ranks = meta.get("ranks", 1)
+    pairs = {
+        "ranks": (ranks, distributed.size()),
+        "num_envs": (meta["num_envs"], run.env.num_envs),
+        "scenes": (meta["scenes"], run.env.bank.names),
+        "task": (meta["config"]["task"], config_to_dict(run.config)["task"]),
+        "perturbed": (meta["config"].get("perturbed", False), run.config.perturbed),
+    }
+    if others := [name for name, (theirs, ours) in pairs.items() if theirs != ours]:
+        kept = sum(name in meta["scenes"] for name in run.env.bank.names)
+        run.notice = (
+            f"{path}: was saved with other {', '.join(others)}: episodes start anew, {kept} of "
+            f"{run.env.bank.num_scenes} scenes keep their success rates"
+        )
+    if ranks != distributed.size():
+        return
+    prefix = f"rank{distributed.rank()}."
+    tensors = tensors | {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+    run.algo.load_own_state(tensors)
+    if not others:
+        run.obs, run.critic_obs = run.env.load_state(
+            {k.removeprefix("env."): v for k, v in tensors.items() if k.startswith("env.")}
+        )
+        run.stats.reached.copy_(tensors["reached"])
+        run.stats.touched.copy_(tensors["touched"])
+
+
+def _keep_rates(run: Run, rates: Tensor, names: list[str]) -> None:
+    """Takes over the success rates of the scenes that this run has too; others begin as in a new run."""
+    ours, theirs = run.env.bank.names, dict(zip(names, rates, strict=True))
+    known = list(rates) if ours == names else [theirs.get(name) for name in ours]  # a scene may be there twice
+    for i, rate in enumerate(known):
+        if rate is not None:
+            run.curriculum.rate[i] = rate
+    if run.config.curriculum:
+        run.env.starter.scene_weight.copy_(run.curriculum.weights())
+
+
+def begin_from(run: Run, path: Path) -> None:
+    """Takes networks and normalisers of another run, and its optimiser where that served the same objective.
+
+    The actors begin at their average, where the run kept one.
+
+    Inputs that hardly varied in that run (the distance to obstacles on an open floor) get zero weights and an ordinary
+    variance: the old skill stays what it was when they begin to vary. Rows that its observation did not have (scan,
+    history) begin with zero weights too. Raises `CheckpointError` when it does not fit this one.
+    """
+    tensors, meta = load_checkpoint(path, run.env.device)
+    with same_version(path):
+        check_weights(path, tensors)
+        run.ancestors |= line_of(meta)
+        run.trained_on = TrainedOn.of_meta(meta, str(path)) | run.trained_on
+        tensors, meta = widened(run, averaged(tensors), meta)
+        load_networks(run, path, tensors, meta)
+        if kind_of(meta) == run.algo.kind:
+            run.algo.load_optimizer(tensors, meta)
+    for norm, kind in ((run.net.obs_norm, "actor"), (run.net.critic_norm, "critic")):
+        constant = norm.var < 1e-5
+        norm.var[constant] = 0.1
+        for agent in run.net.agents:
+            first = getattr(run.net.nets[agent.name], kind)[0]
+            with torch.no_grad():
+                first.weight[:, constant] = 0.0
+    run.average.restart(run.net)
