@@ -112,6 +112,6 @@ def push(physics: Physics, config: TaskConfig, generator: torch.Generator) -> No
     """Random horizontal kick of the root, every `push_interval_s` on average: 0.1 to 1 times `push_m_s`."""
     if config.push_m_s == 0.0:
         return
-    draws = [torch.rand(physics.num_envs, generator=generator, device=physics.device) for _ in range(3)]
-    change = push_velocity(*draws, config.push_m_s, config.control_dt_s / config.push_interval_s)
+    hit, angle, share = (torch.rand(physics.num_envs, generator=generator, device=physics.device) for _ in range(3))
+    change = push_velocity(hit, angle, share, config.push_m_s, config.control_dt_s / config.push_interval_s)
     physics.qvel[:, :2] += change.to(physics.qvel.dtype)
