@@ -22,15 +22,17 @@ from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.learn.distill.teachers import contract
 
+LEFT_OUT = ("env.", "optimizer.")
+"""What a merged checkpoint lacks: three quarters of its size."""
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 
 
 def merge(parts: Sequence[Path], out: Path) -> Path:
     """Writes a checkpoint into the new run `out` whose actors and normaliser are the mean over `parts`.
 
-    Of each part, a checkpoint or a run (its newest), the running average counts where it has one. Everything else is
-    the first part's: critics, optimiser, environments and counters. It is evaluated, exported and gone on with
-    (`--init`) like any other.
+    Of each part, a checkpoint or a run (its newest), the running average counts where it has one. Critics and counters
+    are the first part's. Episodes under way and the optimiser's moments belong to no average and are left out: what
+    goes on from it (`--init`, `--resume`) begins both anew. It is evaluated and exported like any other.
 
     Raises:
         InvalidConfig: fewer than two different parts.
@@ -48,7 +50,7 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
     _check_free(out, meta["update"])
     names = [name for name in first if _acts(name, first)]
     weights = [averaged(first), *(averaged(tensors) for tensors, _ in others)]
-    merged = dict(first)
+    merged = {name: tensor for name, tensor in first.items() if not name.startswith(LEFT_OUT)}
     for name in names:
         mean = sum(w[name].double() for w in weights) / len(weights)
         merged[name] = mean.to(first[name].dtype)

@@ -92,7 +92,10 @@ def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[st
         "task": (meta["config"]["task"], config_to_dict(run.config)["task"]),
         "perturbed": (meta["config"].get("perturbed", False), run.config.perturbed),
     }
-    if others := [name for name, (theirs, ours) in pairs.items() if theirs != ours]:
+    others = [name for name, (theirs, ours) in pairs.items() if theirs != ours]
+    if not others and MERGED in meta:
+        run.notice = f"{path}: is an average, which has no episodes under way: they start anew"
+    elif others:
         kept = sum(name in meta["scenes"] for name in run.env.bank.names)
         run.notice = (
             f"{path}: was saved with other {', '.join(others)}: episodes start anew, {kept} of "
@@ -103,7 +106,7 @@ def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[st
     prefix = f"rank{distributed.rank()}."
     tensors = tensors | {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
     run.algo.load_own_state(tensors)
-    if not others:
+    if not others and MERGED not in meta:
         run.obs, run.critic_obs = run.env.load_state(
             {k.removeprefix("env."): v for k, v in tensors.items() if k.startswith("env.")}
         )
