@@ -51,7 +51,7 @@ class ImportOptions:
     def __post_init__(self) -> None:
         checks.vector("turn_deg", self.turn_deg, 2, Range(least=-10_000, most=10_000))
         if self.size_m is not None:
-            checks.vector("size_m", self.size_m, 3, Range(above=0, most=10_000))
+            checks.vector("size_m", self.size_m, 3, Range(least=-10_000, most=10_000))
         checks.vector("start", self.start, None, Range(least=-FARTHEST_M, most=FARTHEST_M))
         checks.vector("goal", self.goal, 2, Range(least=-FARTHEST_M, most=FARTHEST_M))
         if len(self.start) not in (2, 3):
