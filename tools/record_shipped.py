@@ -1,4 +1,4 @@
-"""Writes what the shipped policies were trained on, from the training ledger: `python -m tools.record_shipped`.
+"""Writes what `carry` and `teacher` were trained on, from the training ledger: `python -m tools.record_shipped`.
 
 They were trained before runs kept a record. `RUNS` repeats hotice/policies/LEDGER.md: the scenes of each run in the
 line, and what it began from or learnt from. The records go into `checkpoints/*/meta.json` and into the descriptions of
@@ -116,26 +116,6 @@ CLEAN1 = _scenes(
     gauntlet=6,
     two_steps=4,
 )
-SPEC1 = _scenes("bench20/08_beam_across", "bench20/18_combination", "bench20/07_beam_across", beam=24, beam_across=24)
-DAG2 = _scenes(
-    "open_floor",
-    "bench20",
-    "train75",
-    open=2,
-    pipe=3,
-    step=3,
-    pillars=3,
-    table_edge=3,
-    beam=8,
-    one_pipe=3,
-    one_step=3,
-    two_pipes=4,
-    beam_across=8,
-    combination=6,
-    slalom=4,
-    gauntlet=4,
-    two_steps=3,
-)
 
 RUNS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "walk1": (WALK, ()),
@@ -161,23 +141,11 @@ RUNS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "ft2": (CLEAN1, ("ft1",)),
     "ft3": (CLEAN1, ("ft1",)),
     "rob1": (CLEAN1, ("ft1", "ft2", "ft3")),
-    "spec1": (SPEC1, ("ft1", "ft2", "ft3", "rob1")),
-    "dag2": (DAG2, ("rob1", "spec1")),
-    "ftA": (DAG2, ("rob1",)),
-    "ftB": (DAG2, ("dag2",)),
-    "ftC": (DAG2, ("ftB",)),
-    "ftE": (DAG2, ("ftC", "ftA", "ftB")),
-    "ftF": (DAG2, ("ftC", "ftE")),
-    "ftG": (DAG2, ("ftC", "ftE")),
-    "ftH": (DAG2, ("ftF", "ftG")),
-    "ftI": (DAG2, ("ftF", "ftG")),
-    "ftJ": (DAG2, ("ftH", "ftI")),
-    "ftK": (DAG2, ("ftH", "ftI")),
 }
 """Scenes of each run of the ledger that a shipped policy descends from, and the runs that it began from or learnt
 from."""
-SHIPPED = {"carry": ("walk4",), "teacher": ("rob1",), "student": ("ftJ", "ftK")}
-"""Runs that each shipped policy is, or is the average of."""
+SHIPPED = {"carry": ("walk4",), "teacher": ("rob1",)}
+"""Run that each of these policies is. `student` has a record of its own: a run that kept one went on from it."""
 
 
 @cache

@@ -8,6 +8,7 @@ average does not walk.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,8 @@ from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.learn.distill.teachers import contract
 
-LEFT_OUT = ("env.", "optimizer.")
-"""What a merged checkpoint lacks: three quarters of its size."""
+LEFT_OUT = re.compile(r"(rank\d+\.)?env\.|optimizer\.")
+"""Names of what a merged checkpoint lacks: three quarters of its size."""
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 
 
@@ -50,7 +51,7 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
     _check_free(out, meta["update"])
     names = [name for name in first if _acts(name, first)]
     weights = [averaged(first), *(averaged(tensors) for tensors, _ in others)]
-    merged = {name: tensor for name, tensor in first.items() if not name.startswith(LEFT_OUT)}
+    merged = {name: tensor for name, tensor in first.items() if not LEFT_OUT.match(name)}
     for name in names:
         mean = sum(w[name].double() for w in weights) / len(weights)
         merged[name] = mean.to(first[name].dtype)

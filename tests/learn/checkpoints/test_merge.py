@@ -42,6 +42,15 @@ def test_actors_are_the_mean_and_the_rest_is_the_first_part_s(branches, tmp_path
     assert told["config"] == meta["config"] and told["update"] == meta["update"]
 
 
+def test_episodes_of_other_ranks_are_left_out_too(branches, tmp_path):
+    tensors, meta = load_checkpoint(branches[0])
+    own = {k: v for k, v in meta.items() if k not in ("format", "sha256", "update")}
+    tensors |= {f"rank1.{k}": v for k, v in tensors.items() if k.startswith("env.") or k == "generator"}
+    folder = save_checkpoint(tmp_path / "ranks", meta["update"], tensors, own | {"ranks": 2})
+    merged = load_checkpoint(merge([folder.parent, branches[1]], tmp_path / "merged"))[0]
+    assert [name for name in merged if "env." in name] == [] and "rank1.generator" in merged
+
+
 def test_it_acts_and_is_gone_on_with_like_any_other(branches, tiny, tmp_path):
     merge(branches, tmp_path / "merged")
     held = dict(torch_policy(tmp_path / "merged").net.named_parameters())[ACTOR]
