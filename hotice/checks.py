@@ -32,7 +32,7 @@ _SHOWN.maxlevel, _SHOWN.maxstring, _SHOWN.maxother = 3, 60, 60
 
 def shown(value: object) -> str:
     """`repr` for messages: one line, short and shallow, whatever an untrusted file holds."""
-    return _SHOWN.repr(value)
+    return " ".join(_SHOWN.repr(value).split())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +120,7 @@ def vector(
     """`length` numbers (None: one or more) of a list, tuple or array, each as `number` wants it. Raises `error`."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
-    if not isinstance(value, list | tuple) or len(value) != (length or max(len(value), 1)):
+    if not isinstance(value, list | tuple) or len(value) != (max(len(value), 1) if length is None else length):
         wanted = "one or more numbers" if length is None else f"{length} numbers"
         raise error(f"{where} is {shown(value)}: a list of {wanted} is needed")
     return tuple(number(f"{where}[{i}]", v, allowed, error) for i, v in enumerate(value))
@@ -147,8 +147,14 @@ def unit_quaternion(where: str, value: object, error: Error = InvalidConfig) -> 
 
 def array(where: str, value: ArrayLike, *shape: int, error: Error = InvalidConfig) -> NDArray[np.float64]:
     """`value` as floats of this shape, all finite. Raises `error`."""
-    result = np.asarray(value, dtype=np.float64)
     wanted = f"{shape[0]}" if len(shape) == 1 else f"{shape}"
+    try:
+        given = np.asarray(value)
+    except ValueError:  # lists of unequal lengths
+        given = np.array(None)
+    if given.dtype.kind not in "iuf":
+        raise error(f"{where} is {shown(value)}: {wanted} finite numbers are needed")
+    result = given.astype(np.float64, copy=False)
     if result.shape != shape:
         raise error(f"{where} has shape {result.shape}: {wanted} finite numbers are needed")
     if not np.isfinite(result).all():

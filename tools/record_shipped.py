@@ -144,7 +144,7 @@ RUNS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 """Scenes of each run of the ledger that a shipped policy descends from, and the runs that it began from or learnt
 from."""
-SHIPPED = {"carry": ("walk4",), "teacher": ("rob1",)}
+SHIPPED = {"carry": "walk4", "teacher": "rob1"}
 """Run that each of these policies is. `student` has a record of its own: a run that kept one went on from it."""
 
 
@@ -182,10 +182,8 @@ def rewrite(path: Path, meta: dict) -> None:
 
 
 def main() -> None:
-    for name, runs in SHIPPED.items():
-        trained_on, path = TrainedOn(), POLICIES / f"{name}.onnx"
-        for run in runs:
-            trained_on |= line(run)
+    for name, run in SHIPPED.items():
+        trained_on, path = line(run), POLICIES / f"{name}.onnx"
         meta = {k: v for k, v in read_onnx_meta(path.read_bytes(), path).items() if k != "sha256"}
         trained_on |= TrainedOn.of_items(meta["trained"]["scenes"], "run")
         if (CHECKPOINTS / name).is_dir():

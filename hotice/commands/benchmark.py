@@ -156,7 +156,9 @@ def _table(sizes: list[dict[str, Any]], config: BenchmarkConfig):
 
     further = {"scan": config.scan, f"history {config.history}": config.history, "perturbed": config.perturbed}
     task = (config.preset, *(name for name, given in further.items() if given))
-    table = Table(title=f"physics {config.physics}, {', '.join(task)}, control steps of 4 x 5 ms, steps/s")
+    step = config.training(config.num_envs[0]).task
+    steps = f"control steps of {step.substeps} x {1e3 * step.physics_dt_s:g} ms"
+    table = Table(title=f"physics {config.physics}, {', '.join(task)}, {steps}, steps/s")
     names = ("environments", "training", "environment", "physics", "ratio", *SHARES, "memory [GiB]")
     for name in names:
         table.add_column(name, justify="right")

@@ -1,8 +1,8 @@
 """Trials of the walking baseline (`hotice.control.walk`): same objects, starts, geometry and rules as for policies.
 
 The baseline is driven by torques and planned anew for each trial, so trials run one after another, not as a batch.
-Results are
-rounded: in the last bits the sums of its QP solver depend on where their memory lies, 1e-14 N m of the first torques.
+Results are rounded: in the last bits the sums of its QP solver depend on where their memory lies, 1e-14 N m of the
+first torques.
 """
 
 from __future__ import annotations

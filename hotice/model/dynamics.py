@@ -100,7 +100,7 @@ PAPER_DYNAMICS = replace(ROBOT_DYNAMICS, torso_com_m=0.05, sole_friction=(0.8, 1
 TRAINING_PALMS = {0.005: (1.7, 2.4), 0.010: (2.3, 3.0)}
 """By physics step [s], the friction with which pyramids creep as much as elliptic cones at 2 ms do with 0.6 and
 upwards: from some 0.75 on no friction makes the coarse physics creep as little. Measured by `benchmarks.friction`, see
-    docs/contacts.md."""
+docs/contacts.md."""
 
 
 def student_dynamics(physics_dt_s: float) -> DynamicsConfig:

@@ -27,10 +27,14 @@ class ObjectRange:
     """Lightest and heaviest [kg] (paper: at most 3.5)."""
 
     def __post_init__(self) -> None:
-        for shape in self.shapes or ("",):
+        if not isinstance(self.shapes, list | tuple) or not self.shapes:
+            known = ", ".join(SHAPES)
+            raise InvalidObject(f"object shapes is {checks.shown(self.shapes)}: one or more of {known} are needed")
+        for shape in self.shapes:
             checks.one_of("object shape", shape, SHAPES, InvalidObject)
         for name in ("size_m", "mass_kg"):
-            checks.interval(f"object {name}", getattr(self, name), checks.POSITIVE, InvalidObject)
+            ends = checks.interval(f"object {name}", getattr(self, name), checks.POSITIVE, InvalidObject)
+            object.__setattr__(self, name, ends)
 
     def sample(self, rng: np.random.Generator) -> CarriedObject:
         """One object, drawn with `rng`."""

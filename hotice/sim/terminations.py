@@ -1,4 +1,7 @@
-"""Ends of an episode: a table of pure functions of a `Snapshot`, each (N,) bool; the first that holds counts."""
+"""Ends of an episode: a table of pure functions of a `Snapshot`, each (N,) bool.
+
+Of several that hold in one step `hotice.task.rules.PRECEDENCE` decides.
+"""
 
 from __future__ import annotations
 

@@ -39,7 +39,6 @@ def _at_command(s: Snapshot) -> Tensor:
 
 
 # shared: potential fields and lifting
-# -----------------------------------------------------------------------------------
 
 
 def sgf_head(s: Snapshot) -> Tensor:
@@ -91,7 +90,6 @@ def _intrusion(distance: Tensor) -> Tensor:
 
 
 # lower body: locomotion and balance
-# -------------------------------------------------------------------------------------
 
 
 def progress(s: Snapshot) -> Tensor:
@@ -200,7 +198,6 @@ def leg_torque(s: Snapshot) -> Tensor:
 
 
 # upper body: reaching and grasp
-# -----------------------------------------------------------------------------------------
 
 
 def hand_reach(s: Snapshot) -> Tensor:

@@ -9,15 +9,12 @@ from hotice.checks import Range
 from hotice.errors import InvalidConfig
 from hotice.model.dynamics import DynamicsConfig, student_dynamics
 from hotice.model.object_range import ObjectRange
-from hotice.task.contract import Contract
-from hotice.task.history import LENGTHS
+from hotice.task.contract import MOST, Contract
 from hotice.task.rules import GOAL_M
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 STUDENT_PUSH_M_S = 1.0
 """Largest push of students (CAT)."""
-MOST = 1_000_000
-"""No number of the task is larger: single precision holds it, and what is made of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,25 +60,17 @@ class TaskConfig(Contract):
     """Training: mean time at the goal before an episode is cut short, as by the time limit; 0: it never is (ours)."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         checks.numbers(
             self,
             Range(above=0, most=MOST),
-            "physics_dt_s",
             "episode_s",
-            "leg_scale_rad",
-            "arm_scale_rad",
-            "action_limit",
-            "speed_m_s",
-            "stop_gain_hz",
             "goal_radius_m",
-            "gait_hz",
-            "resolution_m",
             "push_interval_s",
         )
         checks.numbers(
             self,
             Range(least=0, most=MOST),
-            "margin_m",
             "swing_height_m",
             "start_noise_m",
             "start_yaw_noise_rad",
@@ -91,12 +80,13 @@ class TaskConfig(Contract):
             "tolerance_m",
             "goal_stay_s",
         )
-        checks.wholes(self, Range(least=1, most=MOST), "substeps", "carry_states")
+        checks.wholes(self, Range(least=1, most=MOST), "carry_states")
+        for name in ("collisions", "end_at_goal"):
+            checks.flag(name, getattr(self, name))
         if self.max_steps < 1:
             raise InvalidConfig(
                 f"episode_s is {self.episode_s!r}: at least a control step, {self.control_dt_s:g} s, is needed"
             )
-        checks.whole("history", self.history, LENGTHS)
         checks.number("anywhere", self.anywhere, checks.SHARE)
 
     @property

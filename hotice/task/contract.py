@@ -8,7 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.fields.defaults import MARGIN_M, RESOLUTION_M, SPEED_M_S, STOP_GAIN_HZ
+from hotice.task.history import LENGTHS
+
+MOST = 1_000_000
+"""More of anything is a slip of the keyboard."""
+SHORTEST_S = 1e-5
+"""Shortest physics step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +48,24 @@ class Contract:
     only)."""
     history: int = 0
     """Past control steps of which the actors also read joints, IMU and actions (ours)."""
+
+    def __post_init__(self) -> None:
+        checks.number("physics_dt_s", self.physics_dt_s, Range(least=SHORTEST_S, most=MOST))
+        checks.wholes(self, Range(least=1, most=MOST), "substeps")
+        checks.numbers(
+            self,
+            Range(above=0, most=MOST),
+            "leg_scale_rad",
+            "arm_scale_rad",
+            "action_limit",
+            "speed_m_s",
+            "stop_gain_hz",
+            "gait_hz",
+            "resolution_m",
+        )
+        checks.number("margin_m", self.margin_m, Range(least=0, most=MOST))
+        checks.flag("scan", self.scan)
+        checks.whole("history", self.history, LENGTHS)
 
     @property
     def control_dt_s(self) -> float:

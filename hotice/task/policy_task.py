@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice import checks
-from hotice.errors import CheckpointError
+from hotice.errors import CheckpointError, InvalidConfig
 from hotice.model import g1
 from hotice.task.contract import Contract
 from hotice.task.history import LENGTHS
@@ -38,7 +38,10 @@ class PolicyTask(Contract):
         for key in (f.name for f in fields(cls) if f.name not in values):
             checks.number(f"{where} {key}", task.get(key), checks.NOT_NEGATIVE, CheckpointError)
             values[key] = task[key]
-        return cls(**values)
+        try:
+            return cls(**values)
+        except InvalidConfig as error:
+            raise CheckpointError(f"{where} {error}") from None
 
     @property
     def action_scale(self) -> NDArray[np.float64]:

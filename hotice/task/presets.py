@@ -53,6 +53,6 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
 
 def get_preset(name: str) -> Preset:
     """The named row of Table I. Raises `UnknownName`."""
-    if name not in PRESETS:
+    if not isinstance(name, str) or name not in PRESETS:
         raise UnknownName("preset", name, PRESETS)
     return PRESETS[name]

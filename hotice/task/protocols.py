@@ -65,6 +65,6 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
 
 def get_protocol(name: str) -> Protocol:
     """The named protocol. Raises `UnknownName`."""
-    if name not in PROTOCOLS:
+    if not isinstance(name, str) or name not in PROTOCOLS:
         raise UnknownName("protocol", name, PROTOCOLS)
     return PROTOCOLS[name]

@@ -61,7 +61,6 @@ def test_help_lists_every_command(capsys):
 
 
 # each command once
-# ------------------------------------------------------------------------------------------------------
 
 
 def test_train(tmp_path, tiny_options):
@@ -150,7 +149,6 @@ def test_benchmark(tmp_path, capsys):
 
 
 # scenes given wrongly
-# ---------------------------------------------------------------------------------------------------
 
 
 def box(**changes):
@@ -217,7 +215,6 @@ def test_an_empty_folder_of_scenes(onnx_file, tmp_path, capfd):
 
 
 # policies given wrongly
-# -------------------------------------------------------------------------------------------------
 
 
 def damaged(run, tmp_path, kind):
@@ -287,7 +284,6 @@ def test_export_needs_a_checkpoint(onnx_file, tmp_path, capfd):
 
 
 # numbers given wrongly
-# --------------------------------------------------------------------------------------------------
 
 
 def test_more_than_the_memory(onnx_file, tmp_path, capfd):
@@ -370,7 +366,6 @@ def test_unknown_preset(command, tmp_path, capfd):
 
 
 # outputs given wrongly
-# --------------------------------------------------------------------------------------------------
 
 
 def bad_outputs(tmp_path):

@@ -73,7 +73,6 @@ def options(job):
 
 
 # the file
-# ---------------------------------------------------------------------------------------------------------------
 
 
 def test_references_are_the_graph(write):
@@ -177,7 +176,6 @@ def test_the_command_line(write, capfd, tmp_path):
 
 
 # the schedule
-# -----------------------------------------------------------------------------------------------------------
 
 
 class Pretence:
@@ -262,7 +260,6 @@ def test_without_ray_the_cluster_is_refused(write, monkeypatch):
 
 
 # with processes
-# ---------------------------------------------------------------------------------------------------------
 
 
 def training(updates):

@@ -126,7 +126,6 @@ def test_reproduce_asks_for_scenes_before_it_trains(tmp_path, monkeypatch):
 
 
 # trials that were kept
-# --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -162,7 +161,6 @@ def test_damaged_settings_start_anew(kept, content):
 
 
 # observations of another kind
-# -------------------------------------------------------------------------------------------
 
 
 def test_the_scan_is_named_with_its_option(run, tiny_options, tmp_path, capfd):

@@ -221,7 +221,6 @@ def test_the_time_limit_is_that_of_both(onnx_file):
 
 
 # asked for wrongly
-# ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -95,7 +95,6 @@ def begun(run, tmp_path):
 
 
 # the disk
-# ---------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("command", ["train", "distill"])
@@ -302,7 +301,6 @@ def test_a_thread_of_tensorboard_that_fails_says_nothing_twice(tiny, tmp_path, c
 
 
 # memory
-# -----------------------------------------------------------------------------------------------------------------
 
 EXHAUSTED = {
     "python": MemoryError(),
@@ -357,7 +355,6 @@ def test_every_option_to_lower_exists():
 
 
 # numbers
-# ----------------------------------------------------------------------------------------------------------------
 
 
 def test_weights_that_are_not_finite_are_never_saved(begun, tiny_options, tmp_path, capfd, monkeypatch):

@@ -45,7 +45,6 @@ def walking(env, altered):
 
 
 # the table
-# --------------------------------------------------------------------------------------------------------------
 
 
 def test_who_receives_what(walking):
@@ -112,7 +111,6 @@ def test_every_term_is_tried_below():
 
 
 # terms: along the field, against it, by hand
-# ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name, points", [("sgf_head", [HEAD]), ("sgf_pelvis", [PELVIS]), ("sgf_feet", list(FEET))])

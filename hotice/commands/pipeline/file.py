@@ -11,8 +11,8 @@
         options: {scenes: $each}          # the item of the copy
       student:
         command: distill
-        options: {teachers: $teacher, scenes: train75}   # $NAME: output of a job, of all its copies, or of one:
-            $NAME/COPY
+        # $NAME: output of a job, of all its copies, or of one: $NAME/COPY
+        options: {teachers: $teacher, scenes: train75}
 
 The file is parsed, never executed; unknown keys, repeated keys, aliases, loose references and cycles are refused, and
 every command line is checked before the first job starts.

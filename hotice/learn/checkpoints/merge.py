@@ -23,7 +23,7 @@ from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.learn.distill.teachers import contract
 
-LEFT_OUT = re.compile(r"(rank\d+\.)?env\.|optimizer\.")
+LEFT_OUT = re.compile(r"(rank\d+\.)?(env\.|reached$|touched$)|optimizer\.")
 """Names of what a merged checkpoint lacks: three quarters of its size."""
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 
@@ -31,9 +31,10 @@ SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 def merge(parts: Sequence[Path], out: Path) -> Path:
     """Writes a checkpoint into the new run `out` whose actors and normaliser are the mean over `parts`.
 
-    Of each part, a checkpoint or a run (its newest), the running average counts where it has one. Critics and counters
-    are the first part's. Episodes under way and the optimiser's moments belong to no average and are left out: what
-    goes on from it (`--init`, `--resume`) begins both anew. It is evaluated and exported like any other.
+    Of each part, a checkpoint or a run (its newest), the running average counts where it has one. Critics are the first
+    part's, so are the counters but for steps, all of which are its parts'. Episodes under way and the optimiser's
+    moments belong to no average and are left out: what goes on from it (`--init`, `--resume`) begins both anew. It is
+    evaluated and exported like any other.
 
     Raises:
         InvalidConfig: fewer than two different parts.

@@ -42,7 +42,7 @@ class TrainConfig:
     """Go on from the newest checkpoint in `out`."""
     init: Path | None = None
     """Start from networks, normalisers and optimiser (not the counters) of this checkpoint or run; without the
-    optimiser where that served another objective (a student's, when PPO goes on from it)."""
+    optimiser where that served another objective (a student's, when PPO goes on from it) or is an average's."""
     critic_updates: int = 0
     """First updates that train only the critics: they get to know the task before they lead the actors."""
     curriculum: bool = True

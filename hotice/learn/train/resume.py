@@ -13,7 +13,7 @@ from hotice.learn import distributed
 from hotice.learn.checkpoints.average import averaged
 from hotice.learn.checkpoints.checkpoint import load_checkpoint, save_checkpoint
 from hotice.learn.checkpoints.health import check_weights
-from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of
+from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of, own_steps
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.learn.train.config import config_to_dict
 from hotice.learn.train.fit import kind_of, load_networks, same_version, widened
@@ -72,11 +72,9 @@ def _restore(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, A
     run.average.restart(run.net)
     run.average.load_state(tensors)
     run.algo.load_state(tensors, meta)
-    run.update, run.steps, run.minutes = int(meta["update"]), int(meta["steps"]), float(meta["minutes"])
+    run.update, run.steps, run.minutes = int(meta["update"]), own_steps(meta), float(meta["minutes"])
     run.ancestors = dict(meta.get(ANCESTORS, {}))
     run.trained_on = TrainedOn.of_meta(meta, str(path)) | run.trained_on
-    if MERGED in meta:  # its first part, whose counters go on
-        run.ancestors.pop(meta[MERGED][0]["sha256"], None)
     run.stages.load_state(tensors)
     _keep_rates(run, tensors["curriculum"], meta["scenes"])
     _restore_own(run, path, tensors, meta)

@@ -29,8 +29,9 @@ class Physics(Protocol):
         hits: (N, 2) bool, whether robot and object touched an obstacle during the last step, or None where the models
             hold no obstacles.
         self_depth: (N,) how deep the robot's parts were in each other at most during the last step [m], or None like
-        `hits`. com (N, B, 3): centre of mass of the subtree below each body. actuator_force (N, nu) [N m] in the last
-            substep, zero after `forward`: a copy.
+            `hits`.
+        com (N, B, 3): centre of mass of the subtree below each body.
+        actuator_force (N, nu) [N m] in the last substep, zero after `forward`: a copy.
     """
 
     num_envs: int

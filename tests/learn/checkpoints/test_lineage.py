@@ -75,10 +75,13 @@ def test_impossible_lines_are_refused(run, tmp_path, line):
         load_checkpoint(folder)
 
 
-def test_a_resumed_average_counts_its_first_part_once(run, tiny, tmp_path):
+@pytest.mark.parametrize("nested", [False, True])
+def test_a_resumed_average_counts_its_parts_once(run, tiny, tmp_path, nested):
     for seed in (1, 2):
         Runner(tiny(tmp_path / f"branch{seed}", init=run, seed=seed, updates=1)).train()
-    merge([tmp_path / "branch1", tmp_path / "branch2"], tmp_path / "merged")
+    merge([tmp_path / "branch1", tmp_path / "branch2"], tmp_path / ("inner" if nested else "merged"))
+    if nested:
+        merge([tmp_path / "inner", tmp_path / "branch2"], tmp_path / "merged")
     before = total_steps(read_meta(resolve(tmp_path / "merged")))
     Runner(tiny(tmp_path / "merged", seed=1, resume=True, updates=2)).train()
     assert (

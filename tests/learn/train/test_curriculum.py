@@ -36,7 +36,6 @@ def test_few_episodes_move_the_rate_little():
 
 
 # goal distance and object size
-# ------------------------------------------------------------------------------------------
 
 
 class Held:

@@ -165,7 +165,6 @@ def test_far_away_and_huge_meshes():
 
 
 # obstacle meshes of scene files
-# -----------------------------------------------------------------------------------------
 
 
 def scene_of(folder, text, **shape):

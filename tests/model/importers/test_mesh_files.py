@@ -58,7 +58,6 @@ def ply(vertices, faces, encoding="ascii", kind="float", coloured=True):
 
 
 # polygons
-# ---------------------------------------------------------------------------------------------------------------
 
 
 def test_a_concave_polygon_is_filled_as_it_is():
@@ -140,7 +139,6 @@ def test_a_doorway_stays_open(name, tmp_path):
 
 
 # OBJ
-# --------------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -181,7 +179,6 @@ def test_obj_faces_that_count_backwards_mean_the_vertices_before_them(tmp_path):
 
 
 # PLY and OFF
-# ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
@@ -211,7 +208,6 @@ def test_off_variants():
 
 
 # GLB
-# --------------------------------------------------------------------------------------------------------------------
 
 TRIANGLES = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
 
