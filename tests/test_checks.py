@@ -112,6 +112,9 @@ def test_arrays():
         checks.array("a", [1, 2], 2, 3, error=InvalidScene)
     with pytest.raises(InvalidConfig, match="^a holds numbers that are not finite: 2 finite numbers are needed$"):
         checks.array("a", [1, math.nan], 2)
+    for value in ([[1, 2], [3]], ["1", "2"], [True, False], [10**400, 1], [1 + 2j, 0], None):
+        with pytest.raises(InvalidConfig, match="^a is .*: 2 finite numbers are needed$"):
+            checks.array("a", value, 2)
 
 
 def test_flags_and_names():
@@ -139,8 +142,8 @@ def test_mappings():
 
 @pytest.mark.parametrize(
     "value",
-    [HUGE, "x" * 10**6, [[[[[1]]]]] * 1000, {i: i for i in range(1000)}, object()],
-    ids=["huge", "text", "deep", "wide", "object"],
+    [HUGE, "x" * 10**6, [[[[[1]]]]] * 1000, {i: i for i in range(1000)}, object(), np.zeros((2, 2))],
+    ids=["huge", "text", "deep", "wide", "object", "array"],
 )
 def test_messages_stay_short(value):
     with pytest.raises(InvalidConfig) as caught:

@@ -74,6 +74,23 @@ def test_an_impossible_constant_is_named(value):
         PolicyTask.from_meta(meta | {"preset": "x"})
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("substeps", 2.5),
+        ("substeps", 0),
+        ("physics_dt_s", 1e-12),
+        ("speed_m_s", 0),
+        ("resolution_m", 0),
+        ("gait_hz", 1e300),
+    ],
+)
+def test_constants_that_no_task_has_are_refused(name, value):
+    meta = open_policy("carry").meta
+    with pytest.raises(CheckpointError, match=f"constant {name} is "):
+        PolicyTask.from_meta(meta | {"task": meta["task"] | {name: value}})
+
+
 def test_another_observation_is_told_with_what_to_give():
     wider = (*LAYOUT, ("scan", 40))
     with pytest.raises(

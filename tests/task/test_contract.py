@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 
 import pytest
 
+from hotice.errors import InvalidConfig
 from hotice.evaluate.conditions import KEPT, Conditions
 from hotice.fields import FieldParams, build_hod_pf, defaults, query
 from hotice.fields.bank import FieldBank
@@ -88,3 +89,9 @@ def test_teachers_must_share_what_is_not_free(name):
 def test_numbers_cost_no_compiler():
     code = "import sys, hotice.task.policy_task, hotice.task.contract; print('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
+@pytest.mark.parametrize("name", ["scan", "collisions", "end_at_goal"])
+def test_switches_are_true_or_false(name):
+    with pytest.raises(InvalidConfig, match=f"^{name} is 'no': true or false is needed$"):
+        TaskConfig(**{name: "no"})
