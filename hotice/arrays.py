@@ -27,7 +27,9 @@ def length(v: Any) -> Any:
 
 
 def clip(x: Any, low: float | None = None, high: float | None = None) -> Any:
-    """`x` (...) held between `low` and `high`, one of which may be None for no limit; NumPy or torch."""
+    """`x` (...) held between `low` and `high`, one of which may be None for no limit; NumPy or torch,
+    arrays or their scalars, no Python float.
+    """
     if not isinstance(x, np.ndarray | np.generic):
         return x.clip(low, high)
     # NumPy's own `clip` takes ten times as long as both of these for the numbers of one robot

@@ -14,8 +14,8 @@ from hotice.model import g1
 
 def position_limits(joints: Sequence[str] = g1.ALL_JOINTS) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest position of the named joints, each (J,) [rad]. Raises `UnknownName`."""
-    lower, upper = zip(*(_of(_positions(), joint) for joint in joints), strict=True)
-    return np.array(lower), np.array(upper)
+    lower, upper = np.array([_of(_positions(), joint) for joint in joints]).reshape(-1, 2).T
+    return lower, upper
 
 
 def torque_limits(joints: Sequence[str] = g1.ALL_JOINTS) -> np.ndarray:

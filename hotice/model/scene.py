@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -109,6 +109,8 @@ class Scene:
         object.__setattr__(self, "bounds_m", (low, high))
         object.__setattr__(self, "start", _coordinates("start", self.start, 3))
         object.__setattr__(self, "goal", _coordinates("goal", self.goal, 2))
+        if not isinstance(self.obstacles, Iterable):
+            raise InvalidScene(f"obstacles is {shown(self.obstacles)}: a list of obstacles is needed")
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
         if self.source is not None and not isinstance(self.source, MapSource):
             raise InvalidScene(f"source is {shown(self.source)}: a hotice.model.source.MapSource is needed")

@@ -18,8 +18,8 @@ from torch import Tensor
 
 from hotice.sim.encoder_error import turn_joints
 from hotice.sim.snapshot import Motion, Snapshot
+from hotice.task import sensing
 from hotice.task.sensing import (
-    LATE_SHARE,
     TRACK_HEADING,
     TRACK_PLACE,
     TRACK_TILT,
@@ -89,7 +89,7 @@ class Sensors:
             draw = torch.randint(0, self.longest_delay + 1, (n,), generator=generator, device=device)
             self.action_delay[ids] = draw
         if self.config.sensor_delay_steps:
-            self.late[ids] = torch.rand(n, generator=generator, device=device) < LATE_SHARE
+            self.late[ids] = torch.rand(n, generator=generator, device=device) < sensing.LATE_SHARE
         self.age[ids] = 0
         self.velocity[ids] = 0.0
 

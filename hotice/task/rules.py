@@ -1,7 +1,8 @@
 """What counts in the task: a fall, a drop, an arrival, a success. Each is defined here, and nowhere else.
 
 Training, scores, stations, rehearsals and pages ask these functions, states of MuJoCo by way of `hotice.task.judge`.
-They take numbers, NumPy arrays or torch tensors, of one robot or of many, and return bools of the same kind.
+They take numbers, NumPy arrays or torch tensors, of one robot or of many, and return bools of the same kind; `diverged`
+and `outcome_code` take arrays or tensors.
 """
 
 from __future__ import annotations

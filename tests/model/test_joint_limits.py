@@ -20,3 +20,7 @@ def test_by_name():
     assert torque_limits(["left_knee_joint"]).tolist() == [139.0]
     with pytest.raises(UnknownName, match="knee"):
         position_limits(["knee"])
+
+
+def test_no_joints_have_no_limits():
+    assert [len(x) for x in position_limits([])] == [0, 0]

@@ -335,3 +335,8 @@ def test_errors_are_hotice_errors():
     assert issubclass(InvalidScene, HoticeError)
     with pytest.raises(InvalidScene, match="Obstacle is needed"):
         Scene("x", obstacles=("wall",))  # type: ignore[arg-type]
+
+
+def test_obstacles_that_are_no_list():
+    with pytest.raises(InvalidScene, match="^obstacles is 5: a list of obstacles is needed$"):
+        Scene("s", obstacles=5)

@@ -115,7 +115,7 @@ def test_noise_is_the_environments(sensed, monkeypatch, rng, config, shape):
         assert config.root_tracking == bool(np.abs(estimate[5:8]).max() > 0.0) or k < hold
         for name in Percept.SHAPES:
             wanted = {"p_WK": s.p_WK[0, :11], "yaw": s.yaw}.get(name, getattr(s, name)[0] if name != "yaw" else None)
-            np.testing.assert_allclose(getattr(percept, name), wanted, atol=5e-6, err_msg=name)
+            np.testing.assert_allclose(getattr(percept, name), wanted, atol=3e-6, err_msg=name)
         assert np.abs(percept.vector - true.vector).max() > 0.02
 
 

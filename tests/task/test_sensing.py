@@ -35,7 +35,6 @@ def test_the_longest_delay_is_a_control_step(delay_s, control_dt_s, substeps, st
 def test_so_many_episodes_are_late(share, monkeypatch):
     """Also with another share than the task's: the batch's constant is that of the one robot."""
     monkeypatch.setattr(sensing, "LATE_SHARE", share)
-    monkeypatch.setattr("hotice.sim.sensing.LATE_SHARE", share)
     one = np.mean([draw_delays(STUDENT_SENSING, 0.02, 4, seed)[0] for seed in range(1000)])
     assert batch(STUDENT_SENSING).late.float().mean() == pytest.approx(share, abs=0.03)
     assert one == pytest.approx(share, abs=0.05)
