@@ -27,8 +27,9 @@ def length(v: Any) -> Any:
 
 
 def clip(x: Any, low: float | None = None, high: float | None = None) -> Any:
-    """`x` (...) held between `low` and `high`, one of which may be None for no limit; NumPy or torch,
-    arrays or their scalars, no Python float.
+    """`x` (...) held between `low` and `high`, one of which may be None for no limit; NumPy or torch.
+
+    `x` is an array or a scalar of either, no Python float.
     """
     if not isinstance(x, np.ndarray | np.generic):
         return x.clip(low, high)
