@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from hotice.deploy.clock import MonotonicClock
+from hotice.deploy.clock import MonotonicClock, SimulatedClock
 from hotice.deploy.command import LIMITS, CheckedCommand
 from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.link.publishers import SecondPublisher, check_sole_publisher
@@ -18,12 +18,12 @@ from hotice.deploy.messages import hg
 from hotice.deploy.messages.cdr import decode, encode
 from hotice.deploy.messages.rpc import Request, Response
 from hotice.deploy.switcher import SERVICE, ServiceError, active_controller, leave_high_level
-from tests.deploy.messages_fixture import filled
+from tests.deploy.messages_fixture import filled, low_state
 
 pytest.importorskip("cyclonedds", reason="the link over DDS needs the extra `deploy`")
 
 from hotice.deploy.dds import idl_types  # noqa: E402
-from hotice.deploy.dds.link import DdsLink  # noqa: E402
+from hotice.deploy.dds.link import DdsLink, DdsRobot  # noqa: E402
 from hotice.deploy.dds.node import LOOPBACK, DdsNode, configuration  # noqa: E402
 from hotice.deploy.dds.service import DdsServer, DdsService  # noqa: E402
 
@@ -167,6 +167,19 @@ def test_states_come_and_commands_arrive():
         last = link.state().sequence
         until(lambda: link.state().age_s > 0.2)
         assert link.state().sequence - last <= 1 and not link.counts().refused
+
+
+def test_age_is_an_upper_bound():
+    clock = SimulatedClock()
+    with DdsNode(domain=next(DOMAINS), interface=LOOPBACK) as node:
+        link, robot = DdsLink(node, clock), DdsRobot(node, clock)
+        for tick, waits_s in ((1, 1.0), (2, 3.0)):
+            clock.sleep(waits_s)
+            robot.publish_state(low_state(np.random.default_rng(0), tick=tick))
+            time.sleep(0.2)
+            assert link.state().age_s == waits_s and link.state().sequence == tick
+        for end in (robot, link):
+            end.close()
 
 
 def test_somebody_else_commands():

@@ -5,6 +5,7 @@ import pytest
 
 from hotice.deploy.clock import SimulatedClock
 from hotice.deploy.command import LIMITS, CheckedCommand
+from hotice.deploy.dds.link import Arrivals
 from hotice.deploy.link.faults import Faults
 from hotice.deploy.link.memory import MemoryBus
 from hotice.deploy.link.protocol import LinkError
@@ -90,6 +91,38 @@ def test_lost_states_age_and_are_counted():
 def trailing(ages):
     """States missing at the very end, which nothing that came later shows."""
     return next(i for i, age in enumerate(reversed(ages)) if age == 0.0)
+
+
+def test_age_counts_from_arrival_not_from_reading():
+    run = Run(state_faults=[Faults(late=1.0, late_s=0.5, from_s=2.0)])
+    run.robot.publish_state(run.record)
+    run.clock.sleep(1.0)
+    assert run.link.state().age_s == 1.0 and run.link.state().received_s == 0.0
+    run.link.publish(STAND)
+    run.clock.sleep(1.0)
+    assert run.robot.command().age_s == 1.0
+    run.record["tick"] += 1
+    run.robot.publish_state(run.record)
+    run.clock.sleep(1.0)
+    assert run.link.state().age_s == 0.5 and run.link.state().received_s == 2.5
+
+
+def test_over_dds_age_counts_from_the_read_before():
+    clock, coming = SimulatedClock(3.0), []
+
+    class Wire:
+        def take(self):
+            clock.sleep(0.25)  # what comes meanwhile is found by the next take
+            taken, coming[:] = coming[:], []
+            return taken
+
+    arrivals = Arrivals(clock)
+    clock.sleep(1.0)
+    coming += [b"a", b"b"]
+    assert arrivals.take(Wire()) == [(3.0, b"a"), (3.0, b"b")]
+    clock.sleep(1.0)
+    coming.append(b"c")
+    assert arrivals.take(Wire()) == [(4.0, b"c")] and arrivals.take(Wire()) == []
 
 
 def test_silence_is_age():
