@@ -26,6 +26,7 @@ from hotice.deploy.dds import idl_types  # noqa: E402
 from hotice.deploy.dds.link import DdsLink, DdsRobot  # noqa: E402
 from hotice.deploy.dds.node import LOOPBACK, DdsNode, configuration  # noqa: E402
 from hotice.deploy.dds.service import DdsServer, DdsService  # noqa: E402
+from tests.deploy.dds_peer import MACHINE  # noqa: E402
 
 ROBOT_HASHES = {  # of the vendor's C++ headers
     hg.IMU_STATE: "fc687176651206558473df442280",
@@ -149,14 +150,15 @@ def until(condition):
 def standing():
     zero = np.zeros(29)
     q = np.where(np.arange(29) == 3, 0.5, 0.0)
-    return CheckedCommand(q=q, dq=zero, tau=zero, kp=LIMITS.kp, kd=LIMITS.kd, enabled=np.ones(29, bool))
+    enabled = ~np.isin(np.arange(29), hg.ABSENT[MACHINE])
+    return CheckedCommand(q=q, dq=zero, tau=zero, kp=LIMITS.kp, kd=LIMITS.kd, enabled=enabled)
 
 
 def test_states_come_and_commands_arrive():
     domain = next(DOMAINS)
     with peer("robot", domain) as robot, linked(domain) as (_, link):
         until(lambda: link.state() is not None and link.counts().taken > 20)
-        assert link.state().mode_machine == 6
+        assert link.state().mode_machine == MACHINE
         check_sole_publisher(link, MonotonicClock(), listen_s=0.1)
         before = link.counts().taken
         until(lambda: link.publish(standing()) or (link.state() and link.counts().taken > before + 50))

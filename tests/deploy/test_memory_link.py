@@ -1,5 +1,7 @@
 """The in-memory link with each fault of the way, on a simulated clock: 500 states a second."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -11,19 +13,22 @@ from hotice.deploy.link.memory import MemoryBus
 from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.link.publishers import SecondPublisher, check_sole_publisher
 from hotice.deploy.messages.checks import seal
-from hotice.deploy.messages.hg import LOW_STATE
+from hotice.deploy.messages.hg import LOW_STATE, MACHINES
 from hotice.errors import InvalidConfig
 from tests.deploy.messages_fixture import low_state
 
 DT_S = 0.002
 ZERO = np.zeros(29)
 STAND = CheckedCommand(q=ZERO, dq=ZERO, tau=ZERO, kp=LIMITS.kp, kd=LIMITS.kd, enabled=np.ones(29, bool))
+LOCKED = dataclasses.replace(STAND, enabled=~np.isin(np.arange(29), (13, 14)))
+"""As `STAND`, for machines whose waist is locked."""
 
 
 class Run:
     """A robot that publishes every `DT_S`, a controller that answers each new state."""
 
-    def __init__(self, *, machine=5, **bus):
+    def __init__(self, *, machine=5, command=STAND, **bus):
+        self.command = command
         self.clock = SimulatedClock()
         self.bus = MemoryBus(self.clock, **bus)
         self.link, self.robot = self.bus.link(), self.bus.robot()
@@ -37,7 +42,7 @@ class Run:
             state = self.link.state()
             self.ages.append(np.inf if state is None else state.age_s)
             if state is not None:
-                self.link.publish(STAND)
+                self.link.publish(self.command)
             self.robot.command()
             self.clock.sleep(DT_S)
         return self.link.counts()
@@ -68,6 +73,40 @@ def test_nothing_unchecked_is_sent():
     run.steps(1)
     with pytest.raises(LinkError, match="CheckedCommand only, not ndarray"):
         run.link.publish(STAND.record(5))
+
+
+def test_machines_with_29_joints_are_commanded_and_no_other():
+    for machine in MACHINES:
+        run = Run(machine=machine, command=LOCKED)
+        if machine in (5, 6, *range(11, 17)):
+            run.steps(1)
+            assert run.robot.command().record["mode_machine"] == machine
+        else:
+            with pytest.raises(LinkError, match=f"machine {machine} .*machines 5, 6, 11, .*16 are commanded"):
+                run.steps(1)
+            assert run.robot.command() is None
+
+
+@pytest.mark.parametrize("machine", [6, 12, 14, 16])
+def test_a_locked_waist_is_not_turned_on(machine):
+    run = Run(machine=machine)
+    with pytest.raises(LinkError, match=r"waist_roll_joint and waist_pitch_joint.*`enabled` False at 13, 14"):
+        run.steps(1)
+    run.command = dataclasses.replace(STAND, enabled=np.arange(29) != 13)
+    with pytest.raises(LinkError, match=r"turns on waist_pitch_joint, .*`enabled` False at 14"):
+        run.steps(1)
+    assert run.robot.command() is None
+
+
+def test_nothing_is_sent_while_the_robot_counts_ankles_by_their_actuators():
+    run = Run()
+    run.record["mode_pr"] = 1
+    with pytest.raises(LinkError, match="mode_pr 1 .*commands are of mode_pr 0"):
+        run.steps(1)
+    assert run.robot.command() is None
+    run.record["mode_pr"] = 0
+    run.steps(1)
+    assert run.robot.command().sequence == 1
 
 
 def test_a_closed_link_is_silent():
@@ -180,7 +219,7 @@ def test_damaged_commands_reach_no_motor():
 
 
 def test_a_command_for_another_machine_is_dropped():
-    run = Run(machine=6)
+    run = Run(machine=6, command=LOCKED)
     run.steps(1)
     run.bus.put_command(STAND.message(mode_machine=5))
     assert run.robot.command().sequence == 1 and run.robot.counts().refused == {"mode": 1}

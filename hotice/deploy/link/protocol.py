@@ -73,7 +73,11 @@ class Link(Protocol):
     """The controller's end. Not to be shared by threads."""
 
     def publish(self, command: CheckedCommand) -> None:
-        """Sends it, `mode_machine` echoed from the newest state read. Raises `LinkError` before `state` gave one."""
+        """Sends it, `mode_machine` echoed from the newest state read.
+
+        Raises `LinkError` before `state` gave one, for a machine that is not commanded (`hg.ABSENT`), with a motor on
+        that the machine lacks, and while the state's `mode_pr` is not pitch and roll.
+        """
         ...
 
     def state(self) -> ReceivedState | None:
