@@ -30,7 +30,7 @@ class UnsafeCommand(HoticeError):
 
 
 class Limits(NamedTuple):
-    """Bounds of a command, each (29,), in the order of `g1.ALL_JOINTS`, rounded to what a message can hold: float32."""
+    """Bounds of a command, each (29,) float32 as in a message, read-only, in the order of `g1.ALL_JOINTS`."""
 
     lower: np.ndarray
     """[rad]"""
@@ -47,7 +47,8 @@ class Limits(NamedTuple):
 def _limits() -> Limits:
     kp, kd = g1.gains(g1.ALL_JOINTS)
     rows = (*position_limits(), torque_limits(), kp, np.maximum(kd, DAMPING_KD))
-    return Limits(*(row.astype(np.float32) for row in rows))
+    # views of bytes: no flag makes them writable again
+    return Limits(*(np.frombuffer(row.astype(np.float32).tobytes(), np.float32) for row in rows))
 
 
 LIMITS = _limits()

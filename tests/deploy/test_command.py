@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hotice.deploy.command import DAMPING_KD, LIMITS, CheckedCommand, UnsafeCommand
+from hotice.deploy.command import DAMPING_KD, LIMITS, CheckedCommand, Limits, UnsafeCommand
 from hotice.deploy.messages.checks import open_low_cmd
 from hotice.model import g1
 
@@ -55,6 +55,15 @@ def test_torque_and_speed_share_one_limit():
 def test_gains_end_at_the_trained_ones():
     kp, kd = g1.gains(g1.ALL_JOINTS)
     assert (LIMITS.kp == kp.astype(np.float32)).all() and (LIMITS.kd == np.maximum(kd, 8.0)).all()
+
+
+@pytest.mark.parametrize("name", Limits._fields)
+def test_limits_stay_what_they_are(name):
+    limit = getattr(LIMITS, name)
+    with pytest.raises(ValueError):
+        limit[:] = 100.0
+    with pytest.raises(ValueError):
+        limit.flags.writeable = True
 
 
 @pytest.mark.parametrize("shape", [(), (20,), (30,), (1, 29)])
