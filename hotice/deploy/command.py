@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hotice import checks
 from hotice.deploy.messages.checks import seal
-from hotice.deploy.messages.hg import JOINTS, LOW_CMD, PITCH_ROLL
+from hotice.deploy.messages.hg import JOINTS, LOW_CMD, MACHINES, PITCH_ROLL
 from hotice.errors import HoticeError
 from hotice.model import g1
 from hotice.model.joint_limits import position_limits, torque_limits
@@ -90,7 +91,17 @@ class CheckedCommand:
         return np.where(self.enabled, torque, 0.0)
 
     def record(self, mode_machine: int) -> np.ndarray:
-        """As a LowCmd () for the machine that the robot says it is; ankles and waist by pitch and roll."""
+        """As a LowCmd () for the machine that the robot says it is; ankles and waist by pitch and roll.
+
+        Raises:
+            UnsafeCommand: there is no such machine
+        """
+        # a list: a record's field may be an array (), which has no hash
+        if mode_machine not in list(MACHINES):
+            raise UnsafeCommand(
+                f"mode_machine of a command is {checks.shown(mode_machine)}: known are "
+                f"{', '.join(map(str, MACHINES))}; take it from the robot's state"
+            )
         command = LOW_CMD.zeros()
         command["mode_pr"], command["mode_machine"] = PITCH_ROLL, mode_machine
         motors = command["motor_cmd"]
@@ -100,7 +111,7 @@ class CheckedCommand:
         return command
 
     def message(self, mode_machine: int) -> bytes:
-        """As bytes on the wire, checksum in place."""
+        """As bytes on the wire, checksum in place. Raises `UnsafeCommand` as `record` does."""
         return seal(LOW_CMD, self.record(mode_machine))
 
 

@@ -103,6 +103,14 @@ def test_its_message(rng):
     assert (motors["mode"][:29] == checked.enabled).all() and not motors[29:].tobytes().strip(b"\0")
 
 
+@pytest.mark.parametrize("machine", [300, -1, 0, 7, "5", None])
+def test_it_is_for_a_machine_that_exists(machine):
+    with pytest.raises(
+        UnsafeCommand, match=f"mode_machine of a command is '?{machine}'?: known are 1, 2, .*, 16; take"
+    ):
+        command().message(machine)
+
+
 def test_the_motor_law(rng):
     checked = command(q=np.full(29, 0.1), tau=np.full(29, 1.0), enabled=np.arange(29) != 3)
     torque = checked.motor_torques(q=np.full(29, 0.2), dq=np.full(29, 0.5))

@@ -18,6 +18,7 @@ from hotice.deploy.messages import hg
 from hotice.deploy.messages.cdr import decode, encode
 from hotice.deploy.messages.rpc import Request, Response
 from hotice.deploy.switcher import SERVICE, ServiceError, active_controller, leave_high_level
+from hotice.errors import InvalidConfig
 from tests.deploy.messages_fixture import filled, low_state
 
 pytest.importorskip("cyclonedds", reason="the link over DDS needs the extra `deploy`")
@@ -215,6 +216,9 @@ def test_the_motion_switcher():
 def test_a_service_that_is_not_there():
     with DdsNode(domain=next(DOMAINS), interface=LOOPBACK) as node:
         service = DdsService(node, SERVICE)
+        for wrong in (np.nan, np.inf, 0.0):
+            with pytest.raises(InvalidConfig, match="timeout_s is .*above 0"):
+                service.call(1001, "{}", wrong)
         with pytest.raises(ServiceError, match="nobody serves 'motion_switcher'"):
             active_controller(service, timeout_s=0.1)
         silent = DdsServer(node, SERVICE, lambda api_id, parameter: (0, ""))

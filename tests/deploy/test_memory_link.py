@@ -277,9 +277,25 @@ def test_a_second_publisher_is_noticed():
     assert run.link.counts().foreign_commands == 3 and other.counts().foreign_commands == 3
 
 
-@pytest.mark.parametrize("wrong", [dict(lost=1.1), dict(nan=-0.1), dict(late_s=-1.0), dict(lost=np.nan)])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        dict(lost=1.1),
+        dict(nan=-0.1),
+        dict(late_s=-1.0),
+        dict(lost=np.nan),
+        dict(from_s=np.nan),
+        dict(from_s=np.inf),
+        dict(until_s=np.nan),
+        dict(until_s="2"),
+        dict(until_s=0.0),
+        dict(from_s=2.0, until_s=1.0),
+        dict(frozen_tick="no"),
+        dict(frozen_tick=1),
+    ],
+)
 def test_impossible_faults_are_refused(wrong):
-    with pytest.raises(InvalidConfig):
+    with pytest.raises(InvalidConfig, match=f"faults: .*{next(iter(wrong))}"):
         Faults(**wrong)
 
 
