@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hotice import checks
 from hotice.deploy.messages.checks import seal
-from hotice.deploy.messages.hg import JOINTS, LOW_CMD, PITCH_ROLL
+from hotice.deploy.messages.hg import JOINTS, LOW_CMD, MACHINES, PITCH_ROLL
 from hotice.errors import HoticeError
 from hotice.model import g1
 from hotice.model.joint_limits import position_limits, torque_limits
@@ -30,7 +31,7 @@ class UnsafeCommand(HoticeError):
 
 
 class Limits(NamedTuple):
-    """Bounds of a command, each (29,), in the order of `g1.ALL_JOINTS`, rounded to what a message can hold: float32."""
+    """Bounds of a command, each (29,) float32 as in a message, read-only, in the order of `g1.ALL_JOINTS`."""
 
     lower: np.ndarray
     """[rad]"""
@@ -47,7 +48,8 @@ class Limits(NamedTuple):
 def _limits() -> Limits:
     kp, kd = g1.gains(g1.ALL_JOINTS)
     rows = (*position_limits(), torque_limits(), kp, np.maximum(kd, DAMPING_KD))
-    return Limits(*(row.astype(np.float32) for row in rows))
+    # views of bytes: no flag makes them writable again
+    return Limits(*(np.frombuffer(row.astype(np.float32).tobytes(), np.float32) for row in rows))
 
 
 LIMITS = _limits()
@@ -89,7 +91,17 @@ class CheckedCommand:
         return np.where(self.enabled, torque, 0.0)
 
     def record(self, mode_machine: int) -> np.ndarray:
-        """As a LowCmd () for the machine that the robot says it is; ankles and waist by pitch and roll."""
+        """As a LowCmd () for the machine that the robot says it is; ankles and waist by pitch and roll.
+
+        Raises:
+            UnsafeCommand: there is no such machine
+        """
+        # a list: a record's field may be an array (), which has no hash
+        if mode_machine not in list(MACHINES):
+            raise UnsafeCommand(
+                f"mode_machine of a command is {checks.shown(mode_machine)}: known are "
+                f"{', '.join(map(str, MACHINES))}; take it from the robot's state"
+            )
         command = LOW_CMD.zeros()
         command["mode_pr"], command["mode_machine"] = PITCH_ROLL, mode_machine
         motors = command["motor_cmd"]
@@ -99,7 +111,7 @@ class CheckedCommand:
         return command
 
     def message(self, mode_machine: int) -> bytes:
-        """As bytes on the wire, checksum in place."""
+        """As bytes on the wire, checksum in place. Raises `UnsafeCommand` as `record` does."""
         return seal(LOW_CMD, self.record(mode_machine))
 
 

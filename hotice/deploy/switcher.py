@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from typing import Protocol
 
+from hotice import checks
 from hotice.deploy.clock import Clock
 from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.messages.rpc import Response
@@ -26,12 +27,17 @@ class Service(Protocol):
     """Calls to one of the robot's services."""
 
     def call(self, api_id: int, parameter: str, timeout_s: float) -> Response:
-        """The answer, whatever its code. Raises `ServiceError` after `timeout_s` without one."""
+        """The answer, whatever its code. Raises `ServiceError` after `timeout_s` [s] without one."""
         ...
 
 
 def active_controller(service: Service, *, timeout_s: float = TIMEOUT_S) -> str:
-    """Name of the robot's own controller that commands the motors, "" if none does. Raises `ServiceError`."""
+    """Name of the robot's own controller that commands the motors, "" if none does.
+
+    Raises:
+        ServiceError: no answer within `timeout_s` [s], or nonsense
+        InvalidConfig: `timeout_s` is not a number above 0
+    """
     answer = _called(service, CHECK, timeout_s)
     try:
         data = json.loads(answer.data)
@@ -58,9 +64,12 @@ def leave_high_level(
     Raises:
         LinkError: the robot is not held
         ServiceError: no answer, or a controller still active after `timeout_s`
+        InvalidConfig: `timeout_s` is not a number above 0, or `pause_s` none of at least 0
     """
     if robot_is_held is not True:
         raise LinkError("releasing the robot's own controller makes it limp at once: hang or seat it first")
+    timeout_s = checks.number("timeout_s", timeout_s, checks.POSITIVE)
+    pause_s = checks.number("pause_s", pause_s, checks.NOT_NEGATIVE)
     end_s, calls = clock.now() + timeout_s, 0
     while name := active_controller(service, timeout_s=timeout_s):
         left_s = end_s - clock.now()
@@ -75,7 +84,7 @@ def leave_high_level(
 
 
 def _called(service: Service, api_id: int, timeout_s: float) -> Response:
-    answer = service.call(api_id, "{}", timeout_s)
+    answer = service.call(api_id, "{}", checks.number("timeout_s", timeout_s, checks.POSITIVE))
     if answer.code != 0:
         raise ServiceError(f"the motion switcher answered call {api_id} with error {answer.code}: 0 is success")
     return answer

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hotice.deploy.command import DAMPING_KD, LIMITS, CheckedCommand, UnsafeCommand
+from hotice.deploy.command import DAMPING_KD, LIMITS, CheckedCommand, Limits, UnsafeCommand
 from hotice.deploy.messages.checks import open_low_cmd
 from hotice.model import g1
 
@@ -57,6 +57,15 @@ def test_gains_end_at_the_trained_ones():
     assert (LIMITS.kp == kp.astype(np.float32)).all() and (LIMITS.kd == np.maximum(kd, 8.0)).all()
 
 
+@pytest.mark.parametrize("name", Limits._fields)
+def test_limits_stay_what_they_are(name):
+    limit = getattr(LIMITS, name)
+    with pytest.raises(ValueError):
+        limit[:] = 100.0
+    with pytest.raises(ValueError):
+        limit.flags.writeable = True
+
+
 @pytest.mark.parametrize("shape", [(), (20,), (30,), (1, 29)])
 def test_one_number_a_joint(shape):
     with pytest.raises(UnsafeCommand, match="one a joint"):
@@ -92,6 +101,14 @@ def test_its_message(rng):
     for name in ("q", "dq", "tau", "kp", "kd"):
         assert (motors[name][:29] == getattr(checked, name)).all()
     assert (motors["mode"][:29] == checked.enabled).all() and not motors[29:].tobytes().strip(b"\0")
+
+
+@pytest.mark.parametrize("machine", [300, -1, 0, 7, "5", None])
+def test_it_is_for_a_machine_that_exists(machine):
+    with pytest.raises(
+        UnsafeCommand, match=f"mode_machine of a command is '?{machine}'?: known are 1, 2, .*, 16; take"
+    ):
+        command().message(machine)
 
 
 def test_the_motor_law(rng):

@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from hotice.deploy.clock import MonotonicClock
+from hotice.deploy.clock import MonotonicClock, SimulatedClock
 from hotice.deploy.command import LIMITS, CheckedCommand
 from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.link.publishers import SecondPublisher, check_sole_publisher
@@ -18,14 +18,16 @@ from hotice.deploy.messages import hg
 from hotice.deploy.messages.cdr import decode, encode
 from hotice.deploy.messages.rpc import Request, Response
 from hotice.deploy.switcher import SERVICE, ServiceError, active_controller, leave_high_level
-from tests.deploy.messages_fixture import filled
+from hotice.errors import InvalidConfig
+from tests.deploy.messages_fixture import filled, low_state
 
 pytest.importorskip("cyclonedds", reason="the link over DDS needs the extra `deploy`")
 
 from hotice.deploy.dds import idl_types  # noqa: E402
-from hotice.deploy.dds.link import DdsLink  # noqa: E402
+from hotice.deploy.dds.link import DdsLink, DdsRobot  # noqa: E402
 from hotice.deploy.dds.node import LOOPBACK, DdsNode, configuration  # noqa: E402
 from hotice.deploy.dds.service import DdsServer, DdsService  # noqa: E402
+from tests.deploy.dds_peer import MACHINE  # noqa: E402
 
 ROBOT_HASHES = {  # of the vendor's C++ headers
     hg.IMU_STATE: "fc687176651206558473df442280",
@@ -149,14 +151,15 @@ def until(condition):
 def standing():
     zero = np.zeros(29)
     q = np.where(np.arange(29) == 3, 0.5, 0.0)
-    return CheckedCommand(q=q, dq=zero, tau=zero, kp=LIMITS.kp, kd=LIMITS.kd, enabled=np.ones(29, bool))
+    enabled = ~np.isin(np.arange(29), hg.ABSENT[MACHINE])
+    return CheckedCommand(q=q, dq=zero, tau=zero, kp=LIMITS.kp, kd=LIMITS.kd, enabled=enabled)
 
 
 def test_states_come_and_commands_arrive():
     domain = next(DOMAINS)
     with peer("robot", domain) as robot, linked(domain) as (_, link):
         until(lambda: link.state() is not None and link.counts().taken > 20)
-        assert link.state().mode_machine == 6
+        assert link.state().mode_machine == MACHINE
         check_sole_publisher(link, MonotonicClock(), listen_s=0.1)
         before = link.counts().taken
         until(lambda: link.publish(standing()) or (link.state() and link.counts().taken > before + 50))
@@ -167,6 +170,19 @@ def test_states_come_and_commands_arrive():
         last = link.state().sequence
         until(lambda: link.state().age_s > 0.2)
         assert link.state().sequence - last <= 1 and not link.counts().refused
+
+
+def test_age_is_an_upper_bound():
+    clock = SimulatedClock()
+    with DdsNode(domain=next(DOMAINS), interface=LOOPBACK) as node:
+        link, robot = DdsLink(node, clock), DdsRobot(node, clock)
+        for tick, waits_s in ((1, 1.0), (2, 3.0)):
+            clock.sleep(waits_s)
+            robot.publish_state(low_state(np.random.default_rng(0), tick=tick))
+            time.sleep(0.2)
+            assert link.state().age_s == waits_s and link.state().sequence == tick
+        for end in (robot, link):
+            end.close()
 
 
 def test_somebody_else_commands():
@@ -200,6 +216,9 @@ def test_the_motion_switcher():
 def test_a_service_that_is_not_there():
     with DdsNode(domain=next(DOMAINS), interface=LOOPBACK) as node:
         service = DdsService(node, SERVICE)
+        for wrong in (np.nan, np.inf, 0.0):
+            with pytest.raises(InvalidConfig, match="timeout_s is .*above 0"):
+                service.call(1001, "{}", wrong)
         with pytest.raises(ServiceError, match="nobody serves 'motion_switcher'"):
             active_controller(service, timeout_s=0.1)
         silent = DdsServer(node, SERVICE, lambda api_id, parameter: (0, ""))

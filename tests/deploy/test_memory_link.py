@@ -1,28 +1,34 @@
 """The in-memory link with each fault of the way, on a simulated clock: 500 states a second."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from hotice.deploy.clock import SimulatedClock
 from hotice.deploy.command import LIMITS, CheckedCommand
+from hotice.deploy.dds.link import Arrivals
 from hotice.deploy.link.faults import Faults
 from hotice.deploy.link.memory import MemoryBus
 from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.link.publishers import SecondPublisher, check_sole_publisher
 from hotice.deploy.messages.checks import seal
-from hotice.deploy.messages.hg import LOW_STATE
+from hotice.deploy.messages.hg import LOW_STATE, MACHINES
 from hotice.errors import InvalidConfig
 from tests.deploy.messages_fixture import low_state
 
 DT_S = 0.002
 ZERO = np.zeros(29)
 STAND = CheckedCommand(q=ZERO, dq=ZERO, tau=ZERO, kp=LIMITS.kp, kd=LIMITS.kd, enabled=np.ones(29, bool))
+LOCKED = dataclasses.replace(STAND, enabled=~np.isin(np.arange(29), (13, 14)))
+"""As `STAND`, for machines whose waist is locked."""
 
 
 class Run:
     """A robot that publishes every `DT_S`, a controller that answers each new state."""
 
-    def __init__(self, *, machine=5, **bus):
+    def __init__(self, *, machine=5, command=STAND, **bus):
+        self.command = command
         self.clock = SimulatedClock()
         self.bus = MemoryBus(self.clock, **bus)
         self.link, self.robot = self.bus.link(), self.bus.robot()
@@ -36,7 +42,7 @@ class Run:
             state = self.link.state()
             self.ages.append(np.inf if state is None else state.age_s)
             if state is not None:
-                self.link.publish(STAND)
+                self.link.publish(self.command)
             self.robot.command()
             self.clock.sleep(DT_S)
         return self.link.counts()
@@ -69,6 +75,40 @@ def test_nothing_unchecked_is_sent():
         run.link.publish(STAND.record(5))
 
 
+def test_machines_with_29_joints_are_commanded_and_no_other():
+    for machine in MACHINES:
+        run = Run(machine=machine, command=LOCKED)
+        if machine in (5, 6, *range(11, 17)):
+            run.steps(1)
+            assert run.robot.command().record["mode_machine"] == machine
+        else:
+            with pytest.raises(LinkError, match=f"machine {machine} .*machines 5, 6, 11, .*16 are commanded"):
+                run.steps(1)
+            assert run.robot.command() is None
+
+
+@pytest.mark.parametrize("machine", [6, 12, 14, 16])
+def test_a_locked_waist_is_not_turned_on(machine):
+    run = Run(machine=machine)
+    with pytest.raises(LinkError, match=r"waist_roll_joint and waist_pitch_joint.*`enabled` False at 13, 14"):
+        run.steps(1)
+    run.command = dataclasses.replace(STAND, enabled=np.arange(29) != 13)
+    with pytest.raises(LinkError, match=r"turns on waist_pitch_joint, .*`enabled` False at 14"):
+        run.steps(1)
+    assert run.robot.command() is None
+
+
+def test_nothing_is_sent_while_the_robot_counts_ankles_by_their_actuators():
+    run = Run()
+    run.record["mode_pr"] = 1
+    with pytest.raises(LinkError, match="mode_pr 1 .*commands are of mode_pr 0"):
+        run.steps(1)
+    assert run.robot.command() is None
+    run.record["mode_pr"] = 0
+    run.steps(1)
+    assert run.robot.command().sequence == 1
+
+
 def test_a_closed_link_is_silent():
     run = Run()
     run.steps(3)
@@ -90,6 +130,38 @@ def test_lost_states_age_and_are_counted():
 def trailing(ages):
     """States missing at the very end, which nothing that came later shows."""
     return next(i for i, age in enumerate(reversed(ages)) if age == 0.0)
+
+
+def test_age_counts_from_arrival_not_from_reading():
+    run = Run(state_faults=[Faults(late=1.0, late_s=0.5, from_s=2.0)])
+    run.robot.publish_state(run.record)
+    run.clock.sleep(1.0)
+    assert run.link.state().age_s == 1.0 and run.link.state().received_s == 0.0
+    run.link.publish(STAND)
+    run.clock.sleep(1.0)
+    assert run.robot.command().age_s == 1.0
+    run.record["tick"] += 1
+    run.robot.publish_state(run.record)
+    run.clock.sleep(1.0)
+    assert run.link.state().age_s == 0.5 and run.link.state().received_s == 2.5
+
+
+def test_over_dds_age_counts_from_the_read_before():
+    clock, coming = SimulatedClock(3.0), []
+
+    class Wire:
+        def take(self):
+            clock.sleep(0.25)  # what comes meanwhile is found by the next take
+            taken, coming[:] = coming[:], []
+            return taken
+
+    arrivals = Arrivals(clock)
+    clock.sleep(1.0)
+    coming += [b"a", b"b"]
+    assert arrivals.take(Wire()) == [(3.0, b"a"), (3.0, b"b")]
+    clock.sleep(1.0)
+    coming.append(b"c")
+    assert arrivals.take(Wire()) == [(4.0, b"c")] and arrivals.take(Wire()) == []
 
 
 def test_silence_is_age():
@@ -147,7 +219,7 @@ def test_damaged_commands_reach_no_motor():
 
 
 def test_a_command_for_another_machine_is_dropped():
-    run = Run(machine=6)
+    run = Run(machine=6, command=LOCKED)
     run.steps(1)
     run.bus.put_command(STAND.message(mode_machine=5))
     assert run.robot.command().sequence == 1 and run.robot.counts().refused == {"mode": 1}
@@ -205,9 +277,25 @@ def test_a_second_publisher_is_noticed():
     assert run.link.counts().foreign_commands == 3 and other.counts().foreign_commands == 3
 
 
-@pytest.mark.parametrize("wrong", [dict(lost=1.1), dict(nan=-0.1), dict(late_s=-1.0), dict(lost=np.nan)])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        dict(lost=1.1),
+        dict(nan=-0.1),
+        dict(late_s=-1.0),
+        dict(lost=np.nan),
+        dict(from_s=np.nan),
+        dict(from_s=np.inf),
+        dict(until_s=np.nan),
+        dict(until_s="2"),
+        dict(until_s=0.0),
+        dict(from_s=2.0, until_s=1.0),
+        dict(frozen_tick="no"),
+        dict(frozen_tick=1),
+    ],
+)
 def test_impossible_faults_are_refused(wrong):
-    with pytest.raises(InvalidConfig):
+    with pytest.raises(InvalidConfig, match=f"faults: .*{next(iter(wrong))}"):
         Faults(**wrong)
 
 

@@ -1,9 +1,11 @@
+import numpy as np
 import pytest
 
 from hotice.deploy.clock import SimulatedClock
 from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.messages.rpc import Response
 from hotice.deploy.switcher import ServiceError, active_controller, leave_high_level
+from hotice.errors import InvalidConfig
 
 
 class Switcher:
@@ -38,6 +40,21 @@ def test_a_robot_that_is_not_held_is_not_released(held):
     switcher = Switcher()
     with pytest.raises(LinkError, match="limp"):
         leave_high_level(switcher, SimulatedClock(), robot_is_held=held)
+    assert switcher.calls == []
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 0.0, -1.0, "5", None])
+def test_times_that_never_end_are_refused(wrong):
+    switcher = Switcher(stubborn=3)
+    for call in (
+        lambda: active_controller(switcher, timeout_s=wrong),
+        lambda: leave_high_level(switcher, SimulatedClock(), robot_is_held=True, timeout_s=wrong),
+    ):
+        with pytest.raises(InvalidConfig, match="timeout_s is .*a finite number above 0 is needed"):
+            call()
+    if wrong != 0.0:
+        with pytest.raises(InvalidConfig, match="pause_s is .*of at least 0 is needed"):
+            leave_high_level(switcher, SimulatedClock(), robot_is_held=True, pause_s=wrong)
     assert switcher.calls == []
 
 

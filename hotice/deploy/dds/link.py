@@ -19,11 +19,30 @@ COMMAND_TOPIC = "rt/lowcmd"
 STATE_TOPIC = "rt/lowstate"
 
 
+class Arrivals:
+    """What a reader takes, each with the earliest time that it can have come: of the take before, first of opening.
+
+    When it truly came is not known without the sender's clock, which is not trusted. Make it before the reader opens.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock, self._since_s = clock, clock.now()
+
+    def take(self, reader: Reader) -> list[tuple[float, bytes]]:
+        """(Earliest time [s], bytes), oldest first. Raises `LinkError`."""
+        # read before taking: what comes in between is left for the next take
+        since_s, now_s = self._since_s, self._clock.now()
+        taken = reader.take()
+        self._since_s = now_s
+        return [(since_s, data) for data in taken]
+
+
 class DdsLink:
     """A controller's end, see `Link`. It reads the command topic too: what it did not write is foreign."""
 
     def __init__(self, node: DdsNode, clock: Clock | None = None) -> None:
-        self._inbox, self._foreign = StateInbox(clock or MonotonicClock()), 0
+        clock = clock or MonotonicClock()
+        self._inbox, self._foreign, self._arrivals = StateInbox(clock), 0, Arrivals(clock)
         self._states = Reader(node, STATE_TOPIC, packed_type(LOW_STATE))
         self._others = Reader(node, COMMAND_TOPIC, packed_type(LOW_CMD), foreign_only=True)
         self._commands = Writer(node, COMMAND_TOPIC, packed_type(LOW_CMD))
@@ -32,8 +51,8 @@ class DdsLink:
         self._commands.write(outgoing(command, self._inbox.state()))
 
     def state(self) -> ReceivedState | None:
-        for data in self._states.take():
-            self._inbox.offer(data)
+        for came_s, data in self._arrivals.take(self._states):
+            self._inbox.offer(data, came_s)
         self._foreign += len(self._others.take())
         return self._inbox.state()
 
@@ -49,7 +68,8 @@ class DdsRobot:
     """A simulated robot's end, see `RobotEnd`."""
 
     def __init__(self, node: DdsNode, clock: Clock | None = None) -> None:
-        self._inbox = CommandInbox(clock or MonotonicClock())
+        clock = clock or MonotonicClock()
+        self._inbox, self._arrivals = CommandInbox(clock), Arrivals(clock)
         self._commands = Reader(node, COMMAND_TOPIC, packed_type(LOW_CMD))
         self._states = Writer(node, STATE_TOPIC, packed_type(LOW_STATE))
 
@@ -58,8 +78,8 @@ class DdsRobot:
         self._states.write(seal(LOW_STATE, record))
 
     def command(self) -> ReceivedCommand | None:
-        for data in self._commands.take():
-            self._inbox.offer(data)
+        for came_s, data in self._arrivals.take(self._commands):
+            self._inbox.offer(data, came_s)
         return self._inbox.command()
 
     def counts(self) -> LinkCounts:

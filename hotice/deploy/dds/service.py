@@ -6,6 +6,7 @@ from collections.abc import Callable
 from itertools import count
 from typing import TypeVar
 
+from hotice import checks
 from hotice.deploy.clock import Clock, MonotonicClock
 from hotice.deploy.dds.idl_types import request_type, response_type
 from hotice.deploy.dds.node import DdsNode
@@ -36,8 +37,13 @@ class DdsService:
         self._ids = count(int(self._clock.now() * 1e9))
 
     def call(self, api_id: int, parameter: str, timeout_s: float) -> Response:
-        """The answer to this very call. Raises `ServiceError` when nobody serves, or nobody answers in time."""
-        end_s = self._clock.now() + timeout_s
+        """The answer to this very call.
+
+        Raises:
+            ServiceError: nobody serves, or nobody answers within `timeout_s` [s]
+            InvalidConfig: `timeout_s` is not a number above 0
+        """
+        end_s = self._clock.now() + checks.number("timeout_s", timeout_s, checks.POSITIVE)
         while not (self._requests.readers and self._answers.writers):
             if self._clock.now() >= end_s:
                 raise ServiceError(f"nobody serves {self._name!r} on this interface and domain ({timeout_s:g} s)")

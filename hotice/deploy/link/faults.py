@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -44,6 +45,14 @@ class Faults:
         for name in CHANCES:
             checks.number(f"faults: {name}", getattr(self, name), checks.SHARE)
         checks.number("faults: late_s", self.late_s, checks.NOT_NEGATIVE)
+        checks.flag("faults: frozen_tick", self.frozen_tick)
+        checks.number("faults: from_s", self.from_s)
+        if not (isinstance(self.until_s, Real) and self.until_s == math.inf):
+            checks.number("faults: until_s", self.until_s, checks.Range(note="or infinity"))
+        if not self.from_s < self.until_s:
+            raise InvalidConfig(
+                f"faults: from_s is {self.from_s:g}, until_s is {self.until_s:g}: from_s below until_s is needed"
+            )
 
     def active(self, now_s: float) -> bool:
         return self.from_s <= now_s < self.until_s

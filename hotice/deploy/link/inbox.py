@@ -23,8 +23,8 @@ class _Inbox:
         self.taken, self.received_s = 0, 0.0
         self.refused: Counter[Reason] = Counter()
 
-    def offer(self, data: bytes) -> None:
-        """A message as it came; whatever is wrong with it is counted and it is dropped."""
+    def offer(self, data: bytes, came_s: float) -> None:
+        """A message as it came, at `came_s` [s] or later; whatever is wrong with it is counted and it is dropped."""
         try:
             record = self._opened(data)
             new = self._judge(record)
@@ -32,7 +32,7 @@ class _Inbox:
             self.refused[error.reason] += 1
             return
         if new:
-            self.newest, self.received_s = record, self.clock.now()
+            self.newest, self.received_s = record, came_s
             self.taken += 1
 
     @property

@@ -37,10 +37,12 @@ class _Way:
         heapq.heappush(self._queue, (self._clock.now(), self._sent, data))
         self._sent += 1
 
-    def take(self) -> list[bytes]:
+    def take(self) -> list[tuple[float, bytes]]:
+        """What has arrived since the last call, in this order: (time of arrival [s], bytes)."""
         arrived = []
         while self._queue and self._queue[0][0] <= self._clock.now():
-            arrived.append(heapq.heappop(self._queue)[2])
+            came_s, _, data = heapq.heappop(self._queue)
+            arrived.append((came_s, data))
         return arrived
 
 
@@ -107,8 +109,8 @@ class MemoryLink:
 
     def state(self) -> ReceivedState | None:
         self._open()
-        for data in self._way.take():
-            self._inbox.offer(data)
+        for came_s, data in self._way.take():
+            self._inbox.offer(data, came_s)
         return self._inbox.state()
 
     def counts(self) -> LinkCounts:
@@ -138,8 +140,8 @@ class MemoryRobot:
 
     def command(self) -> ReceivedCommand | None:
         self._open()
-        for data in self._bus._commands.take():
-            self._inbox.offer(data)
+        for came_s, data in self._bus._commands.take():
+            self._inbox.offer(data, came_s)
         return self._inbox.command()
 
     def counts(self) -> LinkCounts:

@@ -25,9 +25,11 @@ class ReceivedState:
     sequence: int
     """How many states this link has taken, this one included; the same number is the same state."""
     received_s: float
-    """When it came, on the link's clock [s]."""
+    """When it came, on the link's clock [s]; over DDS, where this is not known, the earliest that it can have come."""
     age_s: float
-    """Since it came [s]. A silent robot, one whose tick stands still and one that sends rubbish age alike."""
+    """Since then [s]: over DDS an upper bound, at least the time between two reads, since no sender's clock is trusted.
+    A silent robot, one whose tick stands still and one that sends rubbish age alike.
+    """
 
     @property
     def tick(self) -> int:
@@ -40,7 +42,7 @@ class ReceivedState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReceivedCommand:
-    """The newest valid LowCmd at the robot's end, and how old it is [s]."""
+    """The newest valid LowCmd at the robot's end, and how old it is [s], as a state is."""
 
     record: np.ndarray
     sequence: int
@@ -71,7 +73,11 @@ class Link(Protocol):
     """The controller's end. Not to be shared by threads."""
 
     def publish(self, command: CheckedCommand) -> None:
-        """Sends it, `mode_machine` echoed from the newest state read. Raises `LinkError` before `state` gave one."""
+        """Sends it, `mode_machine` echoed from the newest state read.
+
+        Raises `LinkError` before `state` gave one, for a machine that is not commanded (`hg.ABSENT`), with a motor on
+        that the machine lacks, and while the state's `mode_pr` is not pitch and roll.
+        """
         ...
 
     def state(self) -> ReceivedState | None:

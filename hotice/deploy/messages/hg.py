@@ -120,3 +120,16 @@ MACHINES = {
     16: "29 joints, waist locked, new wrist motor",
 }
 """`mode_machine`: the robot says which machine it is, and a command echoes it (unitree_ros, g1_description)."""
+
+_WAIST_ROLL_PITCH = (13, 14)
+ABSENT: dict[int, tuple[int, ...]] = {
+    5: (),
+    6: _WAIST_ROLL_PITCH,
+    11: (),
+    12: _WAIST_ROLL_PITCH,
+    13: (),
+    14: _WAIST_ROLL_PITCH,
+    15: (),
+    16: _WAIST_ROLL_PITCH,
+}
+"""Of each machine that may be commanded, the joints (indices into `g1.ALL_JOINTS`) that have no motor on it."""
