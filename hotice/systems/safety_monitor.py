@@ -1,4 +1,4 @@
-"""The last word before the motors: commands pass while they and the state make sense, else a safe posture is held."""
+"""The last word before the motors: commands pass while finite and the state is sound, else a safe posture is held."""
 
 # pydrake's stubs type arrays as numpy does not:
 # pyright: reportArgumentType=false
@@ -15,9 +15,9 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from hotice import checks
 from hotice.compiled import compiled
-from hotice.model import builder, g1
+from hotice.model import g1
 from hotice.model.carry import CarryState
-from hotice.model.joint_limits import torque_limits
+from hotice.model.joint_limits import position_limits, torque_limits
 from hotice.systems.joint_pd import pd_torque
 from hotice.systems.signals import JOINT_POS, JOINT_VEL, NUM_JOINTS, ROBOT_STATE
 from hotice.task.rules import UPRIGHT
@@ -30,9 +30,9 @@ class Fault(IntEnum):
 
     NONE = 0
     STATE = 1
-    """The measured state is not finite."""
+    """The measured state is not finite, or the pelvis' quaternion far from unit length."""
     COMMAND = 2
-    """The commanded torque is not finite."""
+    """The command is not finite."""
     TILT = 3
     """The pelvis leans too far: the robot falls; kept until the state is set anew."""
     JOINT_LIMIT = 4
@@ -44,12 +44,14 @@ class SafetyLimits:
     """When commands no longer pass."""
 
     tilt_rad: float = math.acos(UPRIGHT)
-    """Largest lean of the pelvis: a fall, as in the task."""
+    """Largest lean of the pelvis, at most π: a fall, as in the task."""
     joint_margin_rad: float = 0.1
     """How far a joint may be pressed beyond its range."""
 
     def __post_init__(self) -> None:
-        checks.numbers(self, checks.NOT_NEGATIVE)
+        # it acts by its cosine, which an angle beyond π would turn round
+        checks.number("tilt_rad", self.tilt_rad, checks.Range(least=0, most=math.pi, unit="rad"))
+        checks.numbers(self, checks.NOT_NEGATIVE, "joint_margin_rad")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,8 +72,7 @@ class SafePosture:
     @classmethod
     def of(cls, carry: CarryState) -> SafePosture:
         """The posture of a carry state: object held, knees bent."""
-        model = builder.build_model(None, floor=False)
-        low, high = model.jnt_range[[model.joint(name).id for name in g1.ACTION_JOINTS]].T
+        low, high = position_limits(g1.ACTION_JOINTS)
         kp, kd = g1.gains()
         return cls(
             target=carry.joint_target,
@@ -98,6 +99,9 @@ def _fault_code(state, command, middle, half_range, cos_tilt, margin):
     for value in command:
         if not math.isfinite(value):
             return 2
+    length2 = state[3] * state[3] + state[4] * state[4] + state[5] * state[5] + state[6] * state[6]
+    if abs(length2 - 1.0) > 0.2:
+        return 1
     if 1.0 - 2.0 * (state[4] * state[4] + state[5] * state[5]) < cos_tilt:
         return 3
     for j in range(len(middle)):

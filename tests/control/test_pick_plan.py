@@ -17,7 +17,7 @@ pytest.importorskip("adam.casadi")
 import pinocchio as pin
 
 import hotice
-from hotice.control.pick_plan import Durations, Planner, Support, cache
+from hotice.control.pick_plan import Durations, PickPlan, Planner, Support, cache
 from hotice.control.pick_plan.grip import PALM_POINTS_M, PALM_RADIUS_M, Grip
 from hotice.control.pick_plan.guess import hold as together
 from hotice.control.pick_plan.guess.postures import Guess
@@ -207,11 +207,56 @@ def test_a_damaged_file_is_planned_again(planner, plan, tmp_path, damage):
     assert cache.load(tmp_path, "other") is None
 
 
+def with_joint(path, value, joint=6):
+    out = path.copy()
+    out[-1, 7 + joint] = value
+    return out
+
+
+@pytest.mark.parametrize(
+    "damage, message",
+    [
+        (lambda p: {"to_grasp": with_joint(p.to_grasp, 1e9)}, "to_grasp has right_hip_pitch_joint at 1e\\+09 rad"),
+        (lambda p: {"to_crouch": with_joint(p.to_crouch, np.nan)}, "to_crouch has shape"),
+        (lambda p: {"to_pregrasp": p.to_pregrasp[:0]}, "to_pregrasp has shape"),
+        (lambda p: {"retreat": p.retreat[:, :26]}, "retreat has shape"),
+        (lambda p: {"retreat": p.retreat * ([1.0] * 3 + [0.0] * 4 + [1.0] * 20)}, "pelvis' turn in retreat has a quat"),
+        (lambda p: {"to_grasp": np.array(0.0)}, "to_grasp has shape"),
+        (lambda p: {"p_OH": p.p_OH[0]}, "p_OH has shape"),
+        (lambda p: {"p_HO": p.p_HO[:, :2]}, "p_HO has shape"),
+        (lambda p: {"hand_point": p.hand_point.astype(complex)}, "hand_point has shape"),
+        (lambda p: {"p_GO": p.p_GO[:2]}, "p_GO has shape"),
+        (lambda p: {"quat_GO": np.zeros(4)}, "quat_GO has a quaternion of length 0"),
+        (lambda p: {"lift_knots": 0}, "lift_knots is 0: 1 to 13"),
+        (lambda p: {"lift_knots": 14}, "lift_knots is 14: 1 to 13"),
+        (lambda p: {"back_m": -0.1}, "back_m is -0.1"),
+    ],
+)
+def test_a_file_that_holds_no_plan_is_planned_again(planner, plan, tmp_path, damage, message):
+    content = vars(plan) | damage(plan)
+    with pytest.raises(ValueError, match=message):
+        PickPlan(**content)
+    np.savez(tmp_path / "some.npz", **content)
+    with pytest.warns(cache.BrokenPlanFile, match="damaged"):
+        assert cache.load(tmp_path, "some") is None
+
+
+def test_a_start_beyond_the_range_of_a_joint_is_refused(planner):
+    """Before the plan is made, and with the joint's name."""
+    start = planner.start_q.copy()
+    start[7] = 3.5
+    with pytest.raises(
+        PickInfeasible, match="q_start has left_hip_pitch_joint .* rad beyond its range: at most 0.1 rad"
+    ):
+        planner.plan(start, PLACE, QUAT)
+
+
 NOT_HASHED = {
     "hotice.checks": "refuses numbers, changes none",
     "hotice.compiled": "the same mathematics, compiled",
     "hotice.control.controller": "Terms.update reads a Measurement; plans are made of configurations",
     "hotice.errors": "an infeasible pick leaves no plan",
+    "hotice.model.joint_limits": "refuses postures, changes none",
     "hotice.files": "how a plan is written, not what it is",
     "hotice.model.scene": "obstacles: the planner's models have none",
 }

@@ -37,6 +37,10 @@ def test_faults(robot_state, posture):
         assert find_fault(state, torque, posture, LIMITS) is fault
     assert find_fault(robot_state, changed(torque, 3, np.inf), posture, LIMITS) is Fault.COMMAND
     assert find_fault(changed(robot_state, 12, np.inf), torque, posture, LIMITS) is Fault.STATE
+    for quat in (np.zeros(4), 1.2 * robot_state[3:7], 0.8 * robot_state[3:7]):
+        assert find_fault(changed(robot_state, slice(3, 7), quat), torque, posture, LIMITS) is Fault.STATE
+    rounded = changed(robot_state, slice(3, 7), 1.01 * robot_state[3:7])
+    assert find_fault(rounded, torque, posture, LIMITS) is Fault.NONE
 
 
 def test_safe_torque(robot_state, posture, carry):
@@ -120,6 +124,11 @@ def test_joint_targets(robot_state, posture, carry):
 def test_limits_are_checked():
     with pytest.raises(InvalidConfig, match="tilt_rad is nan"):
         SafetyLimits(tilt_rad=float("nan"))
+    with pytest.raises(InvalidConfig, match="tilt_rad is 57: a finite number from 0 to 3.14159 rad is needed"):
+        SafetyLimits(tilt_rad=57)
+    with pytest.raises(InvalidConfig, match="joint_margin_rad is -0.1"):
+        SafetyLimits(joint_margin_rad=-0.1)
+    assert SafetyLimits(tilt_rad=np.pi, joint_margin_rad=7.0).tilt_rad == np.pi
 
 
 def held(left, right):

@@ -26,7 +26,7 @@ from hotice.model import g1
 
 MOST_FILES = 2000
 MAX_BYTES = 2**20
-SOLVERS = ("drake", "casadi", "adam-robotics", "pin")
+SOLVERS = ("drake", "casadi", "adam-robotics", "pin", "mujoco")
 _PACKAGE = Path(__file__).resolve().parent
 _MODEL = ("builder", "carry", "frames", "g1", "least_squares", "objects", "self_contact")
 SOURCES = (
@@ -81,8 +81,6 @@ def load(folder: Path, key: str) -> PickPlan | None:
             raise ValueError("too large")
         with np.load(path, allow_pickle=False) as file:
             found = {field.name: file[field.name] for field in fields(PickPlan)}
-        if not all(np.isfinite(value).all() for value in found.values()):
-            raise ValueError("not finite")
         found["lift_knots"], found["back_m"] = int(found["lift_knots"]), float(found["back_m"])
         return PickPlan(**found)
     except FileNotFoundError:

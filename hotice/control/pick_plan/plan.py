@@ -9,10 +9,15 @@ from numpy.typing import NDArray
 
 from hotice import checks
 from hotice.errors import PickInfeasible
+from hotice.model import g1
+from hotice.model.joint_limits import position_limits
 
 Array = NDArray[np.float64]
 SUPPORT_TOP_M = (0.40, 0.85)
 NEAR_M = (0.15, 0.60)
+BEYOND_RAD = 0.1
+"""How far joints may be beyond their ranges: what the robot is measured to begin with; the solvers stay within."""
+PATHS = ("to_crouch", "to_pregrasp", "to_grasp", "retreat")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +67,10 @@ class PickPlan:
         hand_point: (2, 3) where the hands press, in their frames [m].
         p_GO: (3,) where the object is before the pick, quat_GO: (4,) its turn about z.
         back_m: how far the robot steps back between lift and retreat.
+
+    Raises:
+        ValueError: a shape is another, a quaternion is not of unit length, a joint is beyond its range, the lift is
+            longer than the retreat or the step back negative.
     """
 
     to_crouch: Array
@@ -75,6 +84,34 @@ class PickPlan:
     p_GO: Array
     quat_GO: Array
     back_m: float
+
+    def __post_init__(self) -> None:
+        for name in PATHS:
+            path = getattr(self, name)
+            _check_shape(name, path, (max((1, *np.shape(path)[:1])), 27))
+            _check_unit(f"the pelvis' turn in {name}", path[:, g1.ROOT_QUAT])
+            beyond = beyond_range(path)
+            if beyond.max() > BEYOND_RAD:
+                worst = np.unravel_index(np.argmax(beyond), beyond.shape)
+                raise ValueError(
+                    f"{name} has {g1.ACTION_JOINTS[worst[1]]} at {path[:, g1.JOINT_POS][worst]:.4g} rad: "
+                    f"allowed is its range and {BEYOND_RAD:g} rad beyond"
+                )
+        for name, shape in (
+            ("p_OH", (2, 3)),
+            ("p_HO", (2, 3)),
+            ("hand_point", (2, 3)),
+            ("p_GO", (3,)),
+            ("quat_GO", (4,)),
+        ):
+            _check_shape(name, getattr(self, name), shape)
+        _check_unit("quat_GO", self.quat_GO)
+        if not 0 < self.lift_knots <= len(self.retreat):
+            raise ValueError(
+                f"lift_knots is {self.lift_knots}: 1 to {len(self.retreat)}, the length of retreat, is needed"
+            )
+        if not 0.0 <= self.back_m < np.inf:
+            raise ValueError(f"back_m is {self.back_m}: a finite number of at least 0 is needed")
 
     @property
     def crouch(self) -> Array:
@@ -90,3 +127,23 @@ class PickPlan:
     def grasp(self) -> Array:
         """(27,) palms on the object."""
         return self.to_grasp[-1]
+
+
+def beyond_range(q: Array) -> Array:
+    """How far joints are beyond their ranges in configurations (..., 27), (..., 20) [rad]; negative within."""
+    low, high = position_limits(g1.ACTION_JOINTS)
+    joints = q[..., g1.JOINT_POS]
+    return np.maximum(low - joints, joints - high)
+
+
+def _check_shape(name: str, value: Array, shape: tuple[int, ...]) -> None:
+    if np.shape(value) != shape or np.asarray(value).dtype.kind != "f" or not np.isfinite(value).all():
+        raise ValueError(
+            f"{name} has shape {np.shape(value)}, type {np.asarray(value).dtype}: {shape} finite floats needed"
+        )
+
+
+def _check_unit(name: str, quat: Array) -> None:
+    length = np.linalg.norm(quat, axis=-1)
+    if not (np.abs(length - 1.0) <= 1e-3).all():
+        raise ValueError(f"{name} has a quaternion of length {np.max(length):.4g}: unit length is needed")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hotice import checks
 from hotice.control.pick_plan import cache
 from hotice.control.pick_plan.grip import Grip, ready_joints
-from hotice.control.pick_plan.plan import Durations, PickPlan, Support
+from hotice.control.pick_plan.plan import BEYOND_RAD, Durations, PickPlan, Support, beyond_range
 from hotice.control.pick_plan.task import PickTask, frames_at
 from hotice.control.whole_body.contacts import PALM_M
 from hotice.control.whole_body.terms import FEET, Terms
@@ -68,6 +68,13 @@ class Planner:
         p = np.round(checks.array("p_GO", p_GO, 3, error=PickInfeasible), ROUNDED)
         quat = np.round(normalize(checks.array("quat_GO", quat_GO, 4, error=PickInfeasible)), ROUNDED)
         q[g1.ROOT_QUAT] = normalize(q[g1.ROOT_QUAT])
+        beyond = beyond_range(q)
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > BEYOND_RAD:
+            raise PickInfeasible(
+                f"q_start has {g1.ACTION_JOINTS[worst]} {beyond[worst]:.3g} rad beyond its range: "
+                f"at most {BEYOND_RAD:g} rad is allowed, begin within the range"
+            )
         task = PickTask.of(self.grip, self.terms, q, p, quat)
         key = cache.plan_key(task, self.durations) if self.folder is not None else ""
         plan = cache.load(self.folder, key) if self.folder is not None else None
