@@ -121,6 +121,21 @@ def test_one_node_per_domain_and_process():
             link.state()
 
 
+def test_one_link_per_node():
+    with DdsNode(domain=next(DOMAINS), interface=LOOPBACK) as node:
+        first = DdsLink(node)
+        with pytest.raises(LinkError, match="has a link already.*close the first"):
+            DdsLink(node)
+        first.close()
+        second = DdsLink(node)
+        first.close()  # a second time: does not free the place of the other
+        with pytest.raises(LinkError, match="has a link already"):
+            DdsLink(node)
+        second.close()
+    with pytest.raises(LinkError, match="node is closed"):
+        DdsLink(node)
+
+
 @contextlib.contextmanager
 def peer(role, domain):
     command = [sys.executable, "-m", "tests.deploy.dds_peer", role, str(domain)]

@@ -38,9 +38,15 @@ class Arrivals:
 
 
 class DdsLink:
-    """A controller's end, see `Link`. It reads the command topic too: what it did not write is foreign."""
+    """A controller's end, see `Link`. It reads the command topic too: what this node did not write is foreign.
+
+    One link on one node: commands of a second one would not count as foreign.
+    """
 
     def __init__(self, node: DdsNode, clock: Clock | None = None) -> None:
+        """Opens it. Raises `LinkError`: the node is closed, or has another link that is open."""
+        node.hold_link(self)
+        self._node = node
         clock = clock or MonotonicClock()
         self._inbox, self._foreign, self._arrivals = StateInbox(clock), 0, Arrivals(clock)
         self._states = Reader(node, STATE_TOPIC, packed_type(LOW_STATE))
@@ -62,6 +68,7 @@ class DdsLink:
     def close(self) -> None:
         for port in (self._commands, self._others, self._states):
             port.close()
+        self._node.free_link(self)
 
 
 class DdsRobot:

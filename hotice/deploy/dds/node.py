@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import weakref
 from xml.sax.saxutils import quoteattr
 
 from hotice.deploy.dds.cyclone import cyclone
@@ -53,6 +54,21 @@ class DdsNode:
             self.participant = dds.domain.DomainParticipant(domain)
         except dds.core.DDSException as error:
             raise LinkError(f"domain {domain} on {interface} cannot be opened: {error}") from None
+        self._link: weakref.ref[object] | None = None
+
+    def hold_link(self, link: object) -> None:
+        """Makes it the one link of this node until `free_link`. Raises `LinkError` while there is another."""
+        if self._link is not None and self._link() is not None:
+            raise LinkError(
+                "this node has a link already, and could not tell commands of two apart: close the first link, or "
+                "open the second in another process"
+            )
+        self._link = weakref.ref(link)
+
+    def free_link(self, link: object) -> None:
+        """Undoes `hold_link`; does nothing for a link that is not held."""
+        if self._link is not None and self._link() is link:
+            self._link = None
 
     def close(self) -> None:
         """Leaves the domain; the ends that were made of it must be closed before."""
