@@ -55,7 +55,10 @@ class JointServo:
 
     @classmethod
     def commanding(cls, model: mujoco.MjModel) -> JointServo:
-        """The same around motors of the drawn strength (`hotice.systems.setup.robot.to_motors`), in torques as commanded."""
+        """The same around motors of the drawn strength, in torques as commanded.
+
+        See `hotice.systems.setup.robot.to_motors`.
+        """
         servo = cls.of_model(model)
         strength = servo.limit / torque_limits(g1.ACTION_JOINTS)
         return cls(kp=servo.kp / strength, kd=servo.kd / strength, limit=servo.limit / strength, offset=servo.offset)
