@@ -11,21 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
 from hotice.model import g1
-from hotice.model.joint_friction import set_friction_reference
-from hotice.model.joint_limits import torque_limits
+from hotice.model.motors import to_motors
 
 Array = NDArray[np.float64]
-
-
-def drive_by_torque(model: mujoco.MjModel) -> None:
-    """Turns the position servos of a model of `build_model` into motors, in place: ctrl is then a torque [N m].
-
-    The motors of a perturbed model (`hotice.model.dynamics`) keep their strength: a command gives as much more or less
-    torque.
-    """
-    model.actuator_gainprm[:, 0] = model.actuator_forcerange[:, 1] / torque_limits(g1.ACTION_JOINTS)
-    model.actuator_biasprm[:, :3] = 0.0
-    set_friction_reference(model)
 
 
 class TorquePlant:
@@ -35,7 +23,7 @@ class TorquePlant:
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        drive_by_torque(model)
+        to_motors(model)
         self.model, self.data = model, mujoco.MjData(model)
         self.carries = model.nq == 34
         self._foot = [model.body(f"{s}_ankle_roll_link").id for s in g1.SIDES]

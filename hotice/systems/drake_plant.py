@@ -47,9 +47,18 @@ STIFFNESS_N_M, DISSIPATION_S_M = 5e4, 10.0
 """Stiffness and dissipation of each contact point: a standing robot sinks in by less than 1 mm."""
 FLOOR_M = (100.0, 100.0, 1.0)
 """A box: Drake warns of half spaces."""
-FRICTION = {"object_in_hands": 2.0, "object": 2.0 / 3.0, "palm": 2.0, "floor": 1.0, "obstacle": 1.0, "robot": 1.0}
-"""Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palm and object 2, sole and floor 1, the object with all
-else 0.8. No single friction of the object does: it has two geometries of one shape, one that only palms meet."""
+FRICTION = {
+    "object_in_hands": 2.0,
+    "object": 2.0 / 3.0,
+    "palm": 2.0,
+    "floor": 1.0,
+    "obstacle": 1.0,
+    "obstacle_at_palms": 2.0,
+    "robot": 1.0,
+}
+"""Such that Drake's mean 2 ab / (a + b) gives MuJoCo's pairs: palms with all that they meet 2, the robot's other bodies
+with floor and obstacles 1, the object with all but palms 0.8. No single friction of the object or of an obstacle does:
+each has two geometries of one shape, one that only palms meet."""
 
 
 class DrakePlant(Diagram):
@@ -86,10 +95,12 @@ class DrakePlant(Diagram):
         groups["object"], groups["object_in_hands"] = _add_object(plant, carried)
         floor = RigidTransform([0.0, 0.0, -0.5 * FLOOR_M[2]])
         groups["floor"] = [_add_fixed(plant, floor, Box(*FLOOR_M), "floor", "floor")]
-        groups["obstacle"] = [
-            _add_fixed(plant, pose(o.position_m, o.quaternion_wxyz), _shape(o), o.name, "obstacle")
-            for o in scene.obstacles
-        ]
+        for kind in ("obstacle", "obstacle_at_palms"):
+            # a prefix: an obstacle may be called `floor`
+            groups[kind] = [
+                _add_fixed(plant, pose(o.position_m, o.quaternion_wxyz), _shape(o), f"{kind}/{o.name}", kind)
+                for o in scene.obstacles
+            ]
         _filter(scene_graph, groups, meeting)
         if servo:
             for joint, kp, kd in zip(g1.ACTION_JOINTS, *g1.gains(), strict=True):
@@ -204,10 +215,12 @@ def _filter(
     rules.ExcludeBetween(sets["no_floor"], sets["floor"])
     rules.ExcludeBetween(sets["no_object"], sets["object"])
     rules.ExcludeBetween(sets["palm"], sets["object"])
-    in_hands = sets["object_in_hands"]
-    for name in ("robot", "floor", "obstacle"):
-        rules.ExcludeBetween(sets[name], in_hands)
-    rules.AllowBetween(sets["palm"], in_hands)
+    rules.ExcludeBetween(sets["palm"], sets["obstacle"])
+    at_palms = GeometrySet([*groups["object_in_hands"], *groups["obstacle_at_palms"]])
+    rules.ExcludeWithin(at_palms)
+    for name in ("robot", "floor", "object", "obstacle"):
+        rules.ExcludeBetween(sets[name], at_palms)
+    rules.AllowBetween(sets["palm"], at_palms)
     scene_graph.collision_filter_manager().Apply(rules)
 
 

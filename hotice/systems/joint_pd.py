@@ -16,6 +16,7 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexe
 from hotice.model import g1
 from hotice.model.dynamics import joint_offset
 from hotice.model.joint_limits import torque_limits
+from hotice.model.motors import motor_strength
 from hotice.systems.signals import NUM_JOINTS
 
 Array = NDArray[np.float64]
@@ -55,9 +56,12 @@ class JointServo:
 
     @classmethod
     def commanding(cls, model: mujoco.MjModel) -> JointServo:
-        """The same around motors of the drawn strength (`hotice.systems.setup.robot.to_motors`), in torques as commanded."""
+        """The same around motors of the drawn strength, in torques as commanded.
+
+        See `hotice.model.motors.to_motors`.
+        """
         servo = cls.of_model(model)
-        strength = servo.limit / torque_limits(g1.ACTION_JOINTS)
+        strength = motor_strength(model)
         return cls(kp=servo.kp / strength, kd=servo.kd / strength, limit=servo.limit / strength, offset=servo.offset)
 
 

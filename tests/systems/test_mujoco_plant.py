@@ -1,3 +1,5 @@
+import copy
+
 import mujoco
 import numpy as np
 import pytest
@@ -5,8 +7,8 @@ from pydrake.systems.analysis import Simulator
 
 from hotice.errors import InvalidStation, SimulationError
 from hotice.model import builder
+from hotice.model.motors import motor_strength, to_motors
 from hotice.systems.mujoco_plant import STATE, MujocoPlant
-from hotice.systems.setup.robot import to_motors
 from hotice.systems.signals import TOUCHING_BODIES
 
 
@@ -76,8 +78,6 @@ def test_contact_forces(model, carry, run):
 
 
 def test_motors_take_torques(model, carry):
-    import copy
-
     motors = copy.copy(model)
     to_motors(motors)
     data = mujoco.MjData(motors)
@@ -86,6 +86,19 @@ def test_motors_take_torques(model, carry):
     mujoco.mj_forward(motors, data)
     limit = model.actuator_forcerange[:, 1]
     np.testing.assert_allclose(data.actuator_force, np.clip(data.ctrl, -limit, limit))
+    assert not motors.actuator_biasprm.any() and (motor_strength(motors) == 1.0).all()
+
+
+def test_drawn_motors_keep_their_strength(model):
+    """Unless another is asked for; limits stay those of the drawn motors."""
+    drawn = copy.copy(model)
+    drawn.actuator_forcerange[:] *= np.linspace(0.8, 1.2, 20)[:, None]
+    np.testing.assert_allclose(motor_strength(drawn), np.linspace(0.8, 1.2, 20))
+    for strength, gain in ((None, motor_strength(drawn)), (1.0, 1.0)):
+        motors = copy.copy(drawn)
+        to_motors(motors, strength)
+        assert (motors.actuator_gainprm[:, 0] == gain).all()
+        np.testing.assert_array_equal(motors.actuator_forcerange, drawn.actuator_forcerange)
 
 
 def test_setting_a_state(model, carry, rng):
@@ -110,11 +123,9 @@ def test_diverged_physics_is_reported(model, carry):
 
 def test_a_servo_in_the_plant_is_one_around_it(model, carry, rng):
     """Bit for bit, over several time steps of one actuation; and a station with it holds the object."""
-    from copy import copy
-
     from hotice.systems.joint_pd import JointServo, pd_torque
 
-    motors, servo = copy(model), JointServo.of_g1()
+    motors, servo = copy.copy(model), JointServo.of_g1()
     to_motors(motors)
     plant = MujocoPlant(motors, carry.qpos(), np.zeros(20), 4 * model.opt.timestep, servo)
     simulator, data = Simulator(plant), mujoco.MjData(motors)

@@ -17,7 +17,7 @@ from hotice.errors import (
     OutputError,
     UnknownName,
 )
-from hotice.model import Obstacle, Scene
+from hotice.model import BoxShape, Obstacle, Scene
 from hotice.model.builder import FLOOR, robot_spec
 from hotice.model.self_contact import pairs
 from hotice.replay import RolloutRecord
@@ -136,16 +136,19 @@ def test_friction_in_drake_is_that_of_mujoco():
         same = first.priority == second.priority
         return float(max(first.friction[0], second.friction[0]) if same else first.friction[0])
 
-    seen = set()
+    seen, palms_meet = set(), set()
     for pair in inspector.GetCollisionCandidates():
-        names = [inspector.GetName(g).split("::")[-1].removesuffix("_in_hands") for g in pair]
-        if not all(n in geoms for n in names):
-            continue
+        names = [
+            inspector.GetName(g).split("::")[-1].removesuffix("_in_hands").replace("_at_palms/", "/") for g in pair
+        ]
+        assert set(names) <= geoms.keys(), names
         one, other = (inspector.GetProximityProperties(g).GetProperty("material", "coulomb_friction") for g in pair)
         mean = CalcContactFrictionFromSurfaceProperties(one, other).static_friction()
         assert mean == pytest.approx(felt(*names), abs=1e-6), names
         seen.add(mean.__round__(3))
-    assert seen >= {2.0, 1.0, 0.8}
+        if any("_palm_" in n for n in names):
+            palms_meet |= {n for n in names if "_palm_" not in n}
+    assert seen >= {2.0, 1.0, 0.8} and palms_meet >= {"object", "obstacle/beam"}
 
 
 def test_drake_stops_at_obstacles():
@@ -163,7 +166,10 @@ def test_drake_stops_at_obstacles():
     assert held == {f"{side}_palm_{i}" for side in ("left", "right") for i in range(4)}
     met = {a if b == "object" else b for a, b in names if "object" in (a, b)}
     assert "torso_link_0" in met and "left_sole_0" not in met and not met & held
-    assert ("beam", "torso_link_0") in names and ("beam", "object") in names
+    touched = {a if b == "obstacle/beam" else b for a, b in names if "obstacle/beam" in (a, b)}
+    assert touched >= {"torso_link_0", "object", "left_sole_0"} and not touched & held
+    by_palms = "obstacle_at_palms/beam"
+    assert {a if b == by_palms else b for a, b in names if by_palms in (a, b)} == held
     across = [n for n in names if n[0].startswith("left_") and n[1].startswith("right_")]
     assert set(across) == {
         p for p in map(tuple, map(sorted, pairs())) if p[0].startswith("left_") and p[1].startswith("right_")
@@ -198,6 +204,17 @@ def test_noise_changes_what_the_policy_reads(carry):
 def test_bad_stations(kwargs, error, message):
     with pytest.raises(error, match=message):
         make_station(**kwargs)
+
+
+def test_obstacles_may_have_any_name_in_drake(tmp_path):
+    """Also that of another geometry."""
+    shape, names = BoxShape((0.2, 0.2, 0.2)), ("floor", "object", "left_sole_0")
+    stones = tuple(Obstacle(name, "ground", shape, (1.0, float(i), 0.1)) for i, name in enumerate(names))
+    Scene("named", obstacles=stones).save(tmp_path / "s.json")
+    station = make_station(StationConfig(scene=str(tmp_path / "s.json")), plant="drake", controller="hold")
+    inspector = station.GetSubsystemByName("plant").scene_graph.model_inspector()
+    found = {inspector.GetName(g) for g in inspector.GetAllGeometryIds()}
+    assert found >= {f"obstacle/{name}" for name in names}
 
 
 def test_drake_refuses_meshes(tmp_path):

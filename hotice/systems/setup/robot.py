@@ -10,7 +10,6 @@ from hotice.model import builder
 from hotice.model.carry import CarryState
 from hotice.model.dynamics import perturb
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
-from hotice.model.joint_friction import set_friction_reference
 from hotice.model.scene import Scene
 from hotice.systems.setup.config import StationConfig
 
@@ -27,17 +26,6 @@ def drawn_robot(config: StationConfig, world: Scene, carry: CarryState, physics_
     if config.dynamics.nominal:
         return model
     return perturb(model, config.dynamics, np.random.default_rng([config.seed, 1]))
-
-
-def to_motors(model: mujoco.MjModel, strength: Array | float = 1.0) -> None:
-    """Makes the position servos of a model of `build_model` motors: controls are torques [N m], limited as before.
-
-    `strength` (20,): torque that a motor gives per unit commanded.
-    """
-    model.actuator_gainprm[:, 0] = strength
-    model.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_NONE
-    model.actuator_biasprm[:] = 0.0
-    set_friction_reference(model)
 
 
 def standing_qpos(carry: CarryState, start: tuple[float, float, float]) -> Array:

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.fields import HodPf, build_hod_pf
-from hotice.model import Scene, g1, load_scene
+from hotice.model import Scene, load_scene
 from hotice.model.carry import CarryState, Posture, solve_carry
-from hotice.model.joint_limits import torque_limits
+from hotice.model.motors import to_motors
 from hotice.policy import PolicySession, PolicyTask, open_policy
 from hotice.systems.joint_pd import JointServo
 from hotice.systems.setup.config import StationConfig
-from hotice.systems.setup.robot import drawn_robot, standing_qpos, to_motors
+from hotice.systems.setup.robot import drawn_robot, standing_qpos
 from hotice.systems.setup.table import around_table, pick_origin, table_of, with_table
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ class StationSetup:
         """Copy of `robot` for the plant: position servos where the motors have them, else motors that take torques."""
         model = copy.copy(self.robot)
         if self.motors:
-            to_motors(model, model.actuator_forcerange[:, 1] / torque_limits(g1.ACTION_JOINTS) if self.torques else 1.0)
+            to_motors(model, None if self.torques else 1.0)
         return model
 
     def servo(self) -> JointServo:
