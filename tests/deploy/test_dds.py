@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,6 +40,8 @@ ROBOT_HASHES = {  # of the vendor's C++ headers
 DOMAINS = itertools.count(20 + 8 * (os.getpid() % 25))
 """One for each test: ten participants fit into one, and other tests may run on this machine."""
 LONG_S = 30.0
+REPOSITORY = Path(__file__).parents[2]
+"""Where a peer finds `tests`."""
 
 
 def type_hash(data_type):
@@ -139,7 +142,8 @@ def test_one_link_per_node():
 @contextlib.contextmanager
 def peer(role, domain):
     command = [sys.executable, "-m", "tests.deploy.dds_peer", role, str(domain)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, cwd=REPOSITORY, **pipes) as process:
         try:
             yield process
         finally:
