@@ -15,7 +15,7 @@ from hotice import checks
 from hotice.checks import Range
 from hotice.commands.help_text import unbroken_help
 from hotice.errors import HoticeError, InvalidConfig
-from hotice.files import check_writable
+from hotice.files import check_writable, is_folder
 from hotice.model.importers.house_scenes import Front3dConfig
 from hotice.model.importers.options import ImportOptions
 
@@ -213,7 +213,7 @@ def _resolve(items: Sequence[str]) -> list[Scene]:
 def _each(items: Sequence[str]):
     """(item, scene) of all items, or (item, error) where one cannot be had; files of a folder one by one."""
     for item in items:
-        files = sorted(Path(item).glob("*.json")) if Path(item).is_dir() else []
+        files = sorted(Path(item).glob("*.json")) if is_folder(item) else []
         for part in map(str, files) if files else [item]:
             try:
                 yield from ((part, scene) for scene in _resolve([part]))

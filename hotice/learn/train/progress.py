@@ -132,5 +132,5 @@ def keep_rows(path: Path, update: int) -> None:
 def _update_of(line: bytes) -> float:
     try:
         return json.loads(line)["update"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return float("inf")

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.documents import read_yaml
 from hotice.errors import HoticeError, InputError, InvalidConfig
-from hotice.files import read_bytes
 from hotice.model.dynamics import (
     PAPER_DYNAMICS,
     ROBOT_DYNAMICS,
@@ -125,11 +124,11 @@ class StationConfig:
     def load(cls, path: str | Path) -> StationConfig:
         """From a YAML file; nothing in it is executed. Raises `InvalidConfig` naming the file and what is wrong."""
         try:
-            return cls.from_dict(yaml.safe_load(read_bytes(path, MAX_FILE_BYTES).decode()))
+            data = read_yaml(path, MAX_FILE_BYTES)
         except InputError as error:
             raise InvalidConfig(str(error)) from None
-        except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-            raise InvalidConfig(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
+        try:
+            return cls.from_dict(data)
         except HoticeError as error:
             raise InvalidConfig(f"{path}: {error}") from None
 
