@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 
+from hotice.checks import one_line
 from hotice.failures import mendable
 
 
@@ -23,7 +24,7 @@ def main(argv: list[str] | None = None) -> int:
         known = mendable(error, argv[0] if argv else "")
         if known is None:
             raise
-        print(f"hotice: {known}".replace("\n", " "), file=sys.stderr)
+        print(one_line(f"hotice: {known}"), file=sys.stderr)
         _drop_unwritten()
         return 2
 

@@ -35,11 +35,10 @@ def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> d
 
     Raises `HoticeError`, `SimulationError` when a training was interrupted.
     """
-    from rich.console import Console
-
     from hotice.commands.unseen_views import unseen_markdown
+    from hotice.console import PlainConsole
 
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     make_folder(config.out)
     wanted = list(dict.fromkeys(row.policy for name in config.tables() for row in TABLES[name].rows))
     given, made, paths = config.given(), {}, {}
