@@ -22,7 +22,7 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 from hotice.task.config import TaskConfig
 from hotice.task.contract import ROWS, STEP, UNITS
-from hotice.task.protocols import get_protocol
+from hotice.task.protocols import Protocol, get_protocol
 from hotice.task.rules import GOAL_M
 
 CPU = torch.device("cpu")
@@ -34,8 +34,8 @@ KEPT = (*STEP, *UNITS, *ROWS, "swing_height_m")
 class Conditions:
     """Physics, perturbation and time limit of trials. Raises `UnknownName` for a source that is none."""
 
-    protocol: str = "robot"
-    """Physics and perturbations, of `hotice.task.protocols`."""
+    protocol: str | Protocol = "robot"
+    """Physics and perturbations: a name in `hotice.task.protocols`, or a protocol of one's own."""
     perturbed: bool = True
     """Whether the perturbations act."""
     without: tuple[str, ...] = ()
