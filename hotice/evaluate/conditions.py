@@ -27,7 +27,7 @@ from hotice.task.rules import GOAL_M
 
 CPU = torch.device("cpu")
 KEPT = (*STEP, *UNITS, *ROWS, "swing_height_m")
-"""What a policy's own task decides; of the physics step and its number only the control period remains."""
+"""Fields that a policy's own task decides; of the physics step and its number only the control period remains."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class Conditions:
 
     @property
     def physics(self) -> str:
-        """What reports say of the physics."""
+        """Physics in words, as reports have it."""
         return get_protocol(self.protocol).physics
 
     def task(self, trained: dict[str, Any]) -> TaskConfig:

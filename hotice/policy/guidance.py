@@ -26,7 +26,7 @@ _STEERED = [g1.SGF_KEYPOINTS.index(name) for name in g1.STEERED_KEYPOINTS]
 
 
 class FieldReading(NamedVector):
-    """What guides at one instant, all in W.
+    """Guidance at one instant, all in W.
 
     Attributes:
         force_W: (19, 3) field vectors at nine keypoints, two hands, eight object keypoints [m/s].
