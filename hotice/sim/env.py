@@ -14,7 +14,6 @@ from torch import Tensor
 
 from hotice import checks
 from hotice.fields.bank import FieldBank
-from hotice.model import g1
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim.carry_bank import CarryBank
@@ -158,9 +157,7 @@ class TransportEnv:
             self.policy_table.columns(KNOWN_ROWS).to(self.device),
             self.layout.chains,
         )
-        scale = torch.full((g1.ACTIONS,), cfg.leg_scale_rad, device=self.device)
-        scale[g1.UPPER] = cfg.arm_scale_rad
-        self.action_scale = scale
+        self.action_scale = torch.tensor(cfg.action_scale, dtype=torch.float32, device=self.device)
         self.unstable = 0
         self.restarts = True
         """Whether what has ended is started anew; evaluation starts nothing anew: a trial's draws then depend on no
