@@ -60,7 +60,7 @@ def _trials_of(out: Path) -> Path:
 
 
 def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: Console) -> TrialStore:
-    """What was scored before, beside the report; says whether it is gone on with."""
+    """Store of earlier trials beside the report; prints whether the evaluation goes on from them."""
     names = [scene.name for scene in scorer.scenes]
     store = TrialStore(_trials_of(out), scorer.settings(carrier), names)
     if store.changed:
