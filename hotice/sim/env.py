@@ -79,7 +79,7 @@ class TransportEnv:
         physics: backend, "mujoco" or "warp".
         seed: of every random draw.
         config: numbers of the task.
-        threads: of the physics (0: all cores).
+        threads: of the physics (0: all usable cores).
 
     Raises:
         HoticeError: unknown preset or backend, no scenes, objects that cannot be held.
