@@ -157,7 +157,7 @@ def _check_scenes(config: ReproduceConfig, names: Sequence[str]) -> None:
 
 
 def _record(config: ReproduceConfig, path: str) -> TrainedOn:
-    """What the generalist was trained on. Raises `CheckpointError` or `InvalidConfig`, see `whole_record`."""
+    """Training record of the generalist. Raises `CheckpointError` or `InvalidConfig`, see `whole_record`."""
     return whole_record(load_policy(path, threads=1).meta, path, config.trained_on)
 
 

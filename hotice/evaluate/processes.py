@@ -71,7 +71,7 @@ def _score_here(
 
 
 class _Worker:
-    """What a process keeps between blocks."""
+    """State that a process keeps between blocks."""
 
     scorer: Scorer
     carrier: Carrier

@@ -49,7 +49,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
 
 
 def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: Console) -> TrialStore:
-    """What was scored before, beside the report; says whether it is gone on with."""
+    """Store of earlier trials beside the report; prints whether the evaluation goes on from them."""
     names = [scene.name for scene in scorer.scenes]
     store = TrialStore(Path(f"{out}.trials"), scorer.settings(carrier), names)
     if store.changed:

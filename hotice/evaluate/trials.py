@@ -76,12 +76,12 @@ class Trials:
 
     @property
     def successes(self) -> int:
-        """How many succeeded."""
+        """Number of successes."""
         return self.outcome.count("success")
 
     @property
     def outcomes(self) -> dict[str, int]:
-        """How many ended how."""
+        """Number of trials by outcome."""
         return dict(Counter(self.outcome))
 
     def rates(self) -> dict[str, Any]:

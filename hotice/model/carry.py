@@ -30,7 +30,7 @@ TORSO_FRONT_M = 0.079
 PALM_FRICTION = 0.6
 """The slipperiest palms that a grasp must hold with (protocol `robot`)."""
 GRIP_MARGIN = 1.3
-"""How much more than its weight the palms' friction must be able to carry."""
+"""Multiple of the object's weight that the palms' friction must be able to carry."""
 ELBOW_WEIGHT = 30.0
 ELBOWS_OUT_M = (0.0, 0.15)
 """From the middle to each elbow at least, tried in turn: anywhere; a centimetre more than half the chest and the
@@ -402,7 +402,7 @@ def carry_state_at(
 def _at_rest(
     kin: _Kinematics, carried: CarriedObject, posture: Posture, object_pos: NDArray, squeeze_n: float, torque: NDArray
 ) -> CarryState:
-    """What the kinematics, already updated, show; the middle of the soles is put at the origin."""
+    """State that the kinematics, already updated, show; the middle of the soles is put at the origin."""
     kp, _ = g1.gains()
     soles = kin.data.geom_xpos[[i for ids in kin.sole_id.values() for i in ids]]
     root = np.array([-soles[:, 0].mean(), 0.0, 0.005 - soles[:, 2].min()])

@@ -116,7 +116,7 @@ def _rows(name: str, layout: Any) -> list[tuple[str, int]]:
 
 
 def _mend(rows: list[tuple[str, int]], given: list[tuple[str, int]]) -> str:
-    """What to do where the rows that can be switched on are all the difference."""
+    """Advice where the rows that can be switched on are all the difference."""
     extra = ("scan", "history")
     theirs, ours = dict(rows), dict(given)
     if [r for r in rows if r[0] not in extra] != [r for r in given if r[0] not in extra] or theirs == ours:

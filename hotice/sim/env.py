@@ -282,7 +282,7 @@ class TransportEnv:
         self.held = target.float()
 
     def _observe(self, s: Snapshot, ids: Tensor) -> Tensor:
-        """What the actors of environments `ids` read of their snapshot."""
+        """Rows that the actors of environments `ids` read of their snapshot."""
         if self.exact:
             self.read[ids] = self.policy_table(s)
             return self.read[ids]
@@ -292,7 +292,7 @@ class TransportEnv:
         return self.read[ids]
 
     def _privileged(self, s: Snapshot, ids: Tensor) -> Tensor:
-        """What critics, and teachers in their first columns, read of a snapshot of environments `ids`: the truth."""
+        """Rows that critics, and teachers in their first columns, read of environments `ids`: the truth."""
         rows = self.critic_table(replace(s, past=self.memory.true_past[ids]))
         self.truth[ids] = rows[:, : self.policy_table.size]
         return rows

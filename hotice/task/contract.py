@@ -1,4 +1,4 @@
-"""What goes with a policy: the numbers of the task that give its observations and actions their meaning.
+"""The contract of a policy: numbers of the task that give its observations and actions their meaning.
 
 `TaskConfig` has them beside all else, `PolicyTask` from a policy's file; teachers, evaluations and merges ask for
 `UNITS`, `STEP` and `ROWS`, which are their names.
@@ -78,4 +78,4 @@ STEP = ("physics_dt_s", "substeps")
 ROWS = ("scan", "history")
 """These decide which rows there are to read: a policy may read fewer than its student does."""
 UNITS = tuple(f.name for f in fields(Contract) if f.name not in (*STEP, *ROWS))
-"""What these say is never free: teacher and student, a policy and its scores, parts of a merge must share them."""
+"""Fields that are never free: teacher and student, a policy and its scores, parts of a merge must share them."""

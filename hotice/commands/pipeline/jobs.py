@@ -55,7 +55,7 @@ class Job:
 
     @property
     def output(self) -> Path:
-        """What other jobs read."""
+        """File or folder that other jobs read."""
         return self.folder / OUTPUTS[self.command]
 
     @property

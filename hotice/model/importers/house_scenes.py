@@ -40,7 +40,7 @@ from hotice.model.source import MapSource
 TOUCHED_M = (0.03, 1.3)
 """Heights above the floor between which a robot touches things."""
 FLUSH_M = 0.01
-"""What rises less above the floor is a part of it."""
+"""Height [m] above the floor up to which a thing is part of it."""
 LEVEL_M = 0.05
 """Floors that differ less in height make one level."""
 DOORWAY_M = 0.2
