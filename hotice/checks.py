@@ -35,12 +35,6 @@ def shown(value: object) -> str:
     return " ".join(_SHOWN.repr(value).split())
 
 
-def one_line(text: str) -> str:
-    """Text on one line in which whatever would move the cursor or colour a terminal is written out."""
-    words = text.replace("\n", " ")
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in words)
-
-
 FARTHEST = 10**9
 NEAREST = 1e-12
 

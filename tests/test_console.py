@@ -8,8 +8,8 @@ import pytest
 from rich.table import Table
 
 import hotice
-from hotice.checks import one_line
 from hotice.console import PlainConsole
+from hotice.failures import one_line
 
 NASTY = "[/bold] :smile: [red]x[/nope]"
 

@@ -6,8 +6,7 @@ import contextlib
 import os
 import sys
 
-from hotice.checks import one_line
-from hotice.failures import mendable
+from hotice.failures import mendable, one_line
 
 
 def main(argv: list[str] | None = None) -> int:

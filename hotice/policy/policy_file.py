@@ -19,6 +19,7 @@ from hotice import checks
 from hotice.documents import parse_json
 from hotice.errors import CheckpointError, InputError, UnknownName
 from hotice.files import read_bytes
+from hotice.machine import usable_cores
 from hotice.model.g1 import ACTIONS
 from hotice.policy.onnx_graph import MOST_WIDTH, graph_fault
 from hotice.task.history import FRAME
@@ -32,7 +33,7 @@ MOST_ROWS = 1000
 
 
 class PolicySession:
-    """An exported policy, run by onnxruntime on the CPU with `threads` threads (0: all cores).
+    """An exported policy, run by onnxruntime on the CPU with `threads` threads (0: all usable cores).
 
     `content`: of the file, read from `path` when it is not given. `meta` has preset, layout (names and widths of the
     observation) and task constants. Raises `CheckpointError`.
@@ -45,7 +46,7 @@ class PolicySession:
         content = _read(path) if content is None else content
         self.meta = read_onnx_meta(content, path)
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
+        options.intra_op_num_threads = threads or usable_cores()
         options.log_severity_level = 3
         try:
             self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
@@ -144,7 +145,7 @@ def _rows(name: str, layout: Any) -> list[tuple[str, int]]:
 
 
 def _mend(rows: list[tuple[str, int]], given: list[tuple[str, int]]) -> str:
-    """What to do where the rows that can be switched on are all the difference."""
+    """Advice where the rows that can be switched on are all the difference."""
     extra = ("scan", "history")
     theirs, ours = dict(rows), dict(given)
     if [r for r in rows if r[0] not in extra] != [r for r in given if r[0] not in extra] or theirs == ours:

@@ -121,7 +121,7 @@ def _sample(thin: Points, seed: int) -> Points:
 
 
 def _leaning(thin: Points, triples: NDArray[np.int64]) -> str:
-    """What to do about the largest plane that leans by 20 to 65 degrees, where it is large enough for a floor."""
+    """Advice on the largest plane that leans by 20 to 65 degrees, where it is large enough for a floor."""
     counts, normals = _try_planes(thin, triples, BAND_M, math.cos(math.radians(65.0)))
     best = int(np.argmax(counts))
     if counts[best] * CELL_M**2 < LEANING_AREA_M2:

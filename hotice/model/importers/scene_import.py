@@ -240,13 +240,13 @@ def _window(p: Points, options: ImportOptions) -> tuple[Points, Points]:
 
 
 def _near(corners: NDArray[np.float64], options: ImportOptions) -> NDArray[np.bool_]:
-    """Which things reach into the window, given their corners (k, n, 3), (n,)."""
+    """Mask of the things that reach into the window, (n,), given their corners (k, n, 3)."""
     low, high = _window(corners.reshape(-1, 3), options)
     return ((corners.max(axis=0) > low) & (corners.min(axis=0) < high)).all(axis=1)
 
 
 def _touch(corners: NDArray[np.float64], low: Points, high: Points) -> NDArray[np.bool_]:
-    """Which triangles (F, 3, 3) reach into a box, (F,)."""
+    """Mask of the triangles (F, 3, 3) that reach into a box, (F,)."""
     return ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
 
 
