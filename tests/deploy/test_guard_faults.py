@@ -29,7 +29,7 @@ def beyond(limit):
         (faults.state_age, 0.020, NONE, WARN),
         (faults.state_age, 0.050, WARN, DAMPING),
         (faults.target_age, 0.040, NONE, WARN),
-        (faults.target_age, 0.090, WARN, DAMPING),
+        (faults.target_age, 0.080, WARN, DAMPING),
         (faults.lasting, 1.0, WARN, LOWER),
         (faults.box_unseen, 2.0, NONE, HOLD),
         (faults.pose_age, 1.0, NONE, HOLD),

@@ -22,7 +22,7 @@ class GuardLimits:
     """Age of the runner's targets from which on it is told; they are repeated."""
     target_posture_s: float = 0.060
     """Age of the targets beyond which the motors go back to the posture, at `step_rad` per 20 ms."""
-    target_s: float = 0.090
+    target_s: float = 0.080
     """Age of the targets beyond which motors damp: with a tick of the guard and its lateness, within 100 ms."""
     refused_targets: int = 3
     """So many refused targets in a row end in damping."""
