@@ -44,16 +44,20 @@ def run(config: DemoConfig) -> None:
     from hotice.evaluate.record import record_rollouts
     from hotice.evaluate.run import evaluate
     from hotice.fields import build_hod_pf
-    from hotice.files import make_folder
+    from hotice.files import check_folder, make_folder, output_file
     from hotice.learn.policy import load_policy
     from hotice.model import Box, load_scenes
     from hotice.model.carry import solve_carry
     from hotice.replay import write_html, write_overview
 
     console = Console()
-    make_folder(config.out)
+    files = [config.out / name for name in ("report.json", "replay.html", "overview.png")]
+    check_folder(config.out)
+    for file in files:
+        output_file(file)
     policy = load_policy(config.policy)
     scenes = load_scenes(config.scenes)
+    make_folder(config.out)
     for scene in scenes:
         begin = time.perf_counter()
         field = build_hod_pf(scene)
@@ -63,7 +67,7 @@ def run(config: DemoConfig) -> None:
             f"{float(field.sgf.geodesic_distance(pelvis)):.2f} m, {time.perf_counter() - begin:.1f} s",
             highlight=False,
         )
-    report = config.out / "report.json"
+    report, page, picture = files
     evaluate(
         EvaluateConfig(
             policy=config.policy,
@@ -80,8 +84,8 @@ def run(config: DemoConfig) -> None:
     for scene in scenes:
         with console.status(f"recording {scene.name}"):
             records += record_rollouts(policy, scene, states, seed=config.seed)
-    page = write_html(records, config.out / "replay.html")
-    picture = write_overview(records[:: config.shown], config.out / "overview.png")
+    write_html(records, page)
+    write_overview(records[:: config.shown], picture)
     for what, path in (("report", report), ("replay", page), ("picture", picture)):
         console.print(f"{what:>8}: {path.resolve()}", highlight=False, soft_wrap=True)
 

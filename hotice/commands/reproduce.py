@@ -18,7 +18,7 @@ from hotice.commands.recipes import RECIPES, ReproduceConfig
 from hotice.errors import InvalidConfig, SimulationError
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.run import evaluate
-from hotice.files import make_folder, write_text
+from hotice.files import check_folder, make_folder, output_file, write_text
 from hotice.learn.checkpoints.checkpoint import list_checkpoints
 from hotice.learn.checkpoints.trained_on import TrainedOn
 from hotice.learn.checkpoints.training_scenes import whole_record
@@ -40,13 +40,16 @@ def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> d
     from hotice.commands.unseen_views import unseen_markdown
 
     console = Console(stderr=True)
-    make_folder(config.out)
+    check_folder(config.out)
+    for name in ("tables.json", "tables.md", "unseen.png"):
+        output_file(config.out / name)
     wanted = list(dict.fromkeys(row.policy for name in config.tables() for row in TABLES[name].rows))
     given, made, paths = config.given(), {}, {}
     _check_presets(given)
     _check_scenes(config, wanted)
     if "unseen" in config.tables() and "generalist" in given:
         _record(config, given["generalist"])
+    make_folder(config.out)
     for name in wanted:
         command = None
         if name in given:
@@ -157,7 +160,7 @@ def _check_scenes(config: ReproduceConfig, names: Sequence[str]) -> None:
 
 
 def _record(config: ReproduceConfig, path: str) -> TrainedOn:
-    """What the generalist was trained on. Raises `CheckpointError` or `InvalidConfig`, see `whole_record`."""
+    """Training record of the generalist. Raises `CheckpointError` or `InvalidConfig`, see `whole_record`."""
     return whole_record(load_policy(path, threads=1).meta, path, config.trained_on)
 
 

@@ -31,7 +31,7 @@ class ImportConfig(ImportOptions):
     """One import."""
 
     map: tyro.conf.Positional[Path]
-    """Point cloud (.pcd, .ply) or mesh (.obj, .stl, .off, .glb, .ply)."""
+    """Point cloud (.pcd, .ply), octree (.bt of OctoMap) or mesh (.obj, .stl, .off, .glb, .ply)."""
     out: Path = Path("scene.json")
     """Scene file to write; a picture `.png` of what was kept is written beside it."""
 
@@ -160,8 +160,8 @@ def generate(config: Flat[GenerateConfig]) -> int:
     """Write generated scenes as files and report the rejected draws."""
     from rich.console import Console
 
-    from hotice.files import make_folder
     from hotice.model.generate.families import generate_from_text
+    from hotice.model.scene import save_all
     from hotice.model.shipped import FAMILY_PREFIX
 
     if not config.families:
@@ -176,9 +176,7 @@ def generate(config: Flat[GenerateConfig]) -> int:
     twice = [name for name, count in Counter(s.name for s in scenes).items() if count > 1]
     if twice:
         raise InvalidConfig(f"two scenes are named {twice[0]!r}: write them to different folders")
-    make_folder(config.out)
-    for scene in scenes:
-        scene.save(config.out / f"{scene.name}.json")
+    save_all(scenes, config.out)
     rejected = [r for part in made for r in part.rejected]
     for r in rejected:
         console.print(f"rejected {r.scene}, draw {r.draw}: {r.reason}", markup=False, soft_wrap=True)

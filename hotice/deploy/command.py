@@ -18,11 +18,8 @@ from hotice.deploy.messages.hg import JOINTS, LOW_CMD, MACHINES, PITCH_ROLL
 from hotice.errors import HoticeError
 from hotice.model import g1
 from hotice.model.joint_limits import position_limits, torque_limits
+from hotice.safety.limits import DAMPING_KD, LARGEST_SPEED
 
-DAMPING_KD = 8.0
-"""Largest kd beside the trained ones [N m s/rad]: damping of a falling robot (docs/deploy.md)."""
-LARGEST_SPEED = 20.0
-"""Largest commanded joint speed [rad/s]; a measured one above it counts as a fall."""
 FIELDS = ("q", "dq", "tau", "kp", "kd")
 
 
@@ -70,7 +67,7 @@ class CheckedCommand:
     kd: np.ndarray
     """Damping [N m s/rad]."""
     enabled: np.ndarray
-    """Which motors are on, (29,) bool."""
+    """Mask of the motors that are on, (29,) bool."""
 
     def __post_init__(self) -> None:
         for name in FIELDS:
@@ -86,7 +83,7 @@ class CheckedCommand:
         _within("tau + kd dq", self.tau + self.kd * self.dq, -LIMITS.torque, LIMITS.torque)
 
     def motor_torques(self, q: ArrayLike, dq: ArrayLike) -> np.ndarray:
-        """What the motors make of it at measured positions [rad] and speeds [rad/s], (29,) [N m]; 0 where off."""
+        """Torques of the motors at measured positions [rad] and speeds [rad/s], (29,) [N m]; 0 where off."""
         torque = self.tau + self.kp * (self.q - np.asarray(q)) + self.kd * (self.dq - np.asarray(dq))
         return np.where(self.enabled, torque, 0.0)
 

@@ -25,7 +25,8 @@ from hotice.evaluate.processes import Block, score_blocks
 from hotice.evaluate.report import make_report, print_report
 from hotice.evaluate.scorer import Scorer
 from hotice.evaluate.trials import Trials, TrialStore
-from hotice.files import check_writable, write_text
+from hotice.files import check_folder, check_writable, write_text
+from hotice.owner import check_unowned, sole_owner
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -33,10 +34,15 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     carrier = load_carrier(config)
     if config.out is not None:
         check_writable(config.out)
+        check_folder(_trials_of(config.out))
+        check_unowned(_trials_of(config.out))
     scorer = Scorer.of(config)
     console = Console(stderr=True)
-    store = None if config.out is None else _open_store(config.out, scorer, carrier, console)
-    done = _score_all(scorer, carrier, store, console)
+    if config.out is None:
+        done = _score_all(scorer, carrier, None, console)
+    else:
+        with sole_owner(_trials_of(config.out)):
+            done = _score_all(scorer, carrier, _open_store(config.out, scorer, carrier, console), console)
     scores = [
         (scene.name, Trials.joined(done[block] for block in scorer.blocks() if block[0] == number))
         for number, scene in enumerate(scorer.scenes)
@@ -48,10 +54,15 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     return report
 
 
+def _trials_of(out: Path) -> Path:
+    """Folder of what is done, beside the report."""
+    return Path(f"{out}.trials")
+
+
 def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: Console) -> TrialStore:
-    """What was scored before, beside the report; says whether it is gone on with."""
+    """Store of earlier trials beside the report; prints whether the evaluation goes on from them."""
     names = [scene.name for scene in scorer.scenes]
-    store = TrialStore(Path(f"{out}.trials"), scorer.settings(carrier), names)
+    store = TrialStore(_trials_of(out), scorer.settings(carrier), names)
     if store.changed:
         console.print(
             f"{store.folder} was made with another {', '.join(store.changed)}: starting anew", highlight=False

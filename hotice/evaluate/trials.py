@@ -76,12 +76,12 @@ class Trials:
 
     @property
     def successes(self) -> int:
-        """How many succeeded."""
+        """Number of successes."""
         return self.outcome.count("success")
 
     @property
     def outcomes(self) -> dict[str, int]:
-        """How many ended how."""
+        """Number of trials by outcome."""
         return dict(Counter(self.outcome))
 
     def rates(self) -> dict[str, Any]:
@@ -175,24 +175,24 @@ class TrialStore:
     """Folder of an evaluation that is not over: `settings.json` and one file a scene, each rewritten as blocks end.
 
     Trials that are there count only when they were made with the same settings; otherwise they are removed, so that
-    results of different policies, seeds or settings never mix.
+    results of different policies, seeds or settings never mix. Nothing is written or removed before the first new
+    block: an evaluation that is refused leaves all as it was.
     """
 
     def __init__(self, folder: Path, settings: dict[str, Any], scenes: list[str]) -> None:
-        self.folder, self.scenes = make_folder(folder), scenes
+        self.folder, self.scenes = folder, scenes
         self.blocks: dict[tuple[int, int], Trials] = {}
-        text = json.dumps(settings, indent=1, sort_keys=True) + "\n"
-        self.changed = self._differing(text)
-        if self.changed:
-            for file in self.folder.glob("scene-*.json"):
-                file.unlink()
-        else:
+        self._settings: str | None = json.dumps(settings, indent=1, sort_keys=True) + "\n"
+        self.changed = self._differing(self._settings)
+        if not self.changed:
             for index in range(len(scenes)):
                 self._load(index)
-        write_text(self.folder / "settings.json", text)
 
     def add(self, scene: int, block: int, trials: Trials) -> None:
         """Keeps a block of a scene. Raises `OutputError`."""
+        if self._settings is not None:
+            self._begin(self._settings)
+            self._settings = None
         self.blocks[scene, block] = trials
         done = sorted(b for s, b in self.blocks if s == scene)
         content = {
@@ -201,6 +201,14 @@ class TrialStore:
             "blocks": {b: vars(self.blocks[scene, b]) for b in done},
         }
         write_text(self._file(scene), json.dumps(content) + "\n")
+
+    def _begin(self, settings: str) -> None:
+        """Makes the folder one of these settings."""
+        make_folder(self.folder)
+        if self.changed:
+            for file in self.folder.glob("scene-*.json"):
+                file.unlink()
+        write_text(self.folder / "settings.json", settings)
 
     def _file(self, scene: int) -> Path:
         return self.folder / f"scene-{scene:03d}.json"

@@ -113,7 +113,7 @@ def torch_policy(path: Path) -> TorchPolicy:
 
 
 def policy_meta(meta: dict[str, Any]) -> dict[str, Any]:
-    """What a policy file says of itself, from a checkpoint's meta."""
+    """Metadata of a policy file, from a checkpoint's meta."""
     config = meta["config"]
     known = TrainedOn.of_meta(meta, str(meta.get("sha256", "")))
     return {

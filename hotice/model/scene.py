@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from hotice import checks
 from hotice.checks import shown
 from hotice.errors import InputError, InvalidScene, OutputError
-from hotice.files import read_bytes, write_bytes
+from hotice.files import check_folder, make_folder, output_file, read_bytes, write_bytes
 from hotice.model.frames import quat_to_mat
 from hotice.model.geometry.lengths import COORDINATE
 from hotice.model.geometry.shapes import MeshShape, Shape, shape_from_dict
@@ -205,6 +205,22 @@ class Scene:
         return replace(self, name=name)
 
 
+def save_all(scenes: Sequence[Scene], folder: Path) -> None:
+    """Writes scenes as files `NAME.json` of a folder, which is made where it is missing; no scenes make none.
+
+    Raises `OutputError` before the first is written where one of the files cannot be.
+    """
+    if not scenes:
+        return
+    check_folder(folder)
+    files = [folder / f"{scene.name}.json" for scene in scenes]
+    for file in files:
+        output_file(file)
+    make_folder(folder)
+    for scene, file in zip(scenes, files, strict=True):
+        scene.save(file)
+
+
 def _check_name(kind: str, name: object) -> None:
     if not isinstance(name, str) or not name.strip() or len(name) > 200 or not name.isprintable():
         raise InvalidScene(f"{kind} name is {shown(name)}: 1 to 200 printable characters are needed")
@@ -290,7 +306,7 @@ def _copy_mesh(shape: MeshShape, folder: Path) -> list[Path]:
     content = shape.path.read_bytes()
     if not target.resolve().is_relative_to(folder.resolve()):
         raise InvalidScene(f"mesh file {shape.file!r} would be written outside {folder}")
-    if target.exists():
+    if output_file(target).exists():
         if target.read_bytes() != content:
             raise InvalidScene(f"{target} exists and is another mesh: save the scene to another folder")
         return []

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.errors import CheckpointError, UnknownName
+from hotice.machine import usable_cores
 from hotice.task.history import FRAME
 
 FORMAT = "hotice-policy/1"
@@ -25,7 +26,7 @@ OBSERVATION, ACTION = "observation", "action"
 
 
 class PolicySession:
-    """An exported policy, run by onnxruntime on the CPU with `threads` threads (0: all cores).
+    """An exported policy, run by onnxruntime on the CPU with `threads` threads (0: all usable cores).
 
     `content`: of the file, read from `path` when it is not given. `meta` has preset, layout (names and widths of the
     observation) and task constants. Raises `CheckpointError`.
@@ -38,7 +39,7 @@ class PolicySession:
         content = _read(path) if content is None else content
         self.meta = read_onnx_meta(content, path)
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
+        options.intra_op_num_threads = threads or usable_cores()
         options.log_severity_level = 3
         self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
@@ -116,7 +117,7 @@ def _rows(name: str, layout: Any) -> list[tuple[str, int]]:
 
 
 def _mend(rows: list[tuple[str, int]], given: list[tuple[str, int]]) -> str:
-    """What to do where the rows that can be switched on are all the difference."""
+    """Advice where the rows that can be switched on are all the difference."""
     extra = ("scan", "history")
     theirs, ours = dict(rows), dict(given)
     if [r for r in rows if r[0] not in extra] != [r for r in given if r[0] not in extra] or theirs == ours:

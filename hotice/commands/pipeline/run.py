@@ -23,7 +23,7 @@ from hotice.commands.configs import PipelineConfig
 from hotice.commands.pipeline.file import Pipeline, load_pipeline
 from hotice.commands.pipeline.jobs import USER_ERROR, Job, JobProcess
 from hotice.errors import HoticeError
-from hotice.files import make_folder, write_text
+from hotice.files import check_folder, make_folder, output_file, write_text
 from hotice.learn.train.signals import stop_on_signals
 
 FORMAT = "hotice-pipeline-status/1"
@@ -174,11 +174,13 @@ class Schedule:
 def run_pipeline(config: PipelineConfig) -> bool:
     """Runs a pipeline to its end; False when it was asked to stop. Raises `HoticeError` when a job failed."""
     pipeline = load_pipeline(config.config)
-    make_folder(pipeline.out)
+    check_folder(pipeline.out)
+    output_file(pipeline.out / STATUS)
     schedule = Schedule(pipeline, config.retries)
     console = Console(stderr=True)
     with stop_on_signals() as stopping:
         workers = make_workers(config)
+        make_folder(pipeline.out)
         with Live(schedule.table(), console=console, transient=True, refresh_per_second=2) as live:
             try:
                 while not stopping.is_set() and (schedule.ready() or schedule.count("running")):

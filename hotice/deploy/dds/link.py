@@ -20,7 +20,7 @@ STATE_TOPIC = "rt/lowstate"
 
 
 class Arrivals:
-    """What a reader takes, each with the earliest time that it can have come: of the take before, first of opening.
+    """Samples of a reader, each with the earliest time that it can have come: of the take before, first of opening.
 
     When it truly came is not known without the sender's clock, which is not trusted. Make it before the reader opens.
     """

@@ -38,7 +38,7 @@ class _Way:
         self._sent += 1
 
     def take(self) -> list[tuple[float, bytes]]:
-        """What has arrived since the last call, in this order: (time of arrival [s], bytes)."""
+        """Arrivals since the last call, in this order: (time of arrival [s], bytes)."""
         arrived = []
         while self._queue and self._queue[0][0] <= self._clock.now():
             came_s, _, data = heapq.heappop(self._queue)

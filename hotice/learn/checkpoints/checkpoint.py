@@ -65,6 +65,12 @@ def list_checkpoints(run: Path) -> list[Path]:
     return sorted(p for p in run.glob(f"{PREFIX}*") if p.is_dir())
 
 
+def updates_of(folder: Path) -> int:
+    """Number of updates in the name of a checkpoint folder; -1 for another name."""
+    number = folder.name.removeprefix(PREFIX)
+    return int(number) if number.isdecimal() else -1
+
+
 def resolve(path: Path) -> Path:
     """A checkpoint folder from a path to it or to its run. Raises `CheckpointError`."""
     if (path / META).is_file():

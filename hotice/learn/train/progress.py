@@ -17,7 +17,7 @@ from rich.progress import Progress as RichProgress
 from torch.utils.tensorboard import SummaryWriter
 
 from hotice.errors import OutputError
-from hotice.files import make_folder, write_bytes
+from hotice.files import make_folder, output_file, write_bytes
 from hotice.learn.train.config import TrainConfig
 
 SHOWN = (
@@ -56,6 +56,7 @@ class Progress:
         limit = config.updates if not config.max_minutes else None
         self.task = self.bar.add_task("training", total=limit, completed=first, text="")
         with self._writing():
+            output_file(config.out / LOG)
             if config.resume:
                 keep_rows(config.out / LOG, first)
             self.lines = open(config.out / LOG, "ab", buffering=0)  # noqa: SIM115 - closed in __exit__

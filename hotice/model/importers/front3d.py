@@ -47,7 +47,7 @@ Quat = tuple[float, float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Front3dReport:
-    """What became of a house: `used` by kind, `dropped` by reason, `mended` (used all the same) by what was wrong."""
+    """Account of a house: `used` by kind, `dropped` by reason, `mended` (used all the same) by what was wrong."""
 
     used: Mapping[str, int]
     dropped: Mapping[str, int]

@@ -43,7 +43,7 @@ PARTS = {"sensing": SensingConfig, "dynamics": DynamicsConfig, "safety": SafetyL
 
 @dataclass(frozen=True, kw_only=True)
 class StationConfig:
-    """What stands where and how it is simulated. Raises `InvalidConfig` for impossible values."""
+    """Robot, object, scene and simulation of a station. Raises `InvalidConfig` for impossible values."""
 
     scene: str | Scene = "open_floor"
     """Name of a shipped scene, the path of a scene file, or a scene."""
