@@ -31,7 +31,7 @@ class ImportConfig(ImportOptions):
     """One import."""
 
     map: tyro.conf.Positional[Path]
-    """Point cloud (.pcd, .ply) or mesh (.obj, .stl, .off, .glb, .ply)."""
+    """Point cloud (.pcd, .ply), octree (.bt of OctoMap) or mesh (.obj, .stl, .off, .glb, .ply)."""
     out: Path = Path("scene.json")
     """Scene file to write; a picture `.png` of what was kept is written beside it."""
 
