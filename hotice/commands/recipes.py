@@ -68,7 +68,7 @@ class ReproduceConfig:
     seed: int = 0
     """Seed of training and evaluation."""
     threads: int = 0
-    """Cores; 0: all."""
+    """Cores; 0: all that this process may use."""
     protocol: Literal["robot", "paper"] = "robot"
     """Physics and perturbations of the evaluations, as in `hotice evaluate`; tables name it."""
     perturbed: bool = True

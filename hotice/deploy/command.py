@@ -18,11 +18,8 @@ from hotice.deploy.messages.hg import JOINTS, LOW_CMD, MACHINES, PITCH_ROLL
 from hotice.errors import HoticeError
 from hotice.model import g1
 from hotice.model.joint_limits import position_limits, torque_limits
+from hotice.safety.limits import DAMPING_KD, LARGEST_SPEED
 
-DAMPING_KD = 8.0
-"""Largest kd beside the trained ones [N m s/rad]: damping of a falling robot (docs/deploy.md)."""
-LARGEST_SPEED = 20.0
-"""Largest commanded joint speed [rad/s]; a measured one above it counts as a fall."""
 FIELDS = ("q", "dq", "tau", "kp", "kd")
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hotice.systems.record.picture import write_diagram, write_station_page
     from hotice.systems.record.play import play_station
     from hotice.systems.record.rollout import to_record
-    from hotice.systems.safety_monitor import Fault, SafetyLimits, SafetyMonitor
+    from hotice.systems.safety_monitor import SafetyLimits, SafetyMonitor
     from hotice.systems.setup.config import StationConfig
     from hotice.systems.setup.rehearsal_config import RehearsalConfig
     from hotice.systems.station.make import Station, make_station
@@ -26,7 +26,6 @@ else:
     __getattr__, __dir__ = lazy_face(__name__)
 
 __all__ = [
-    "Fault",
     "HandOverReport",
     "RehearsalConfig",
     "SafetyLimits",
