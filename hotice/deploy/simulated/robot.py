@@ -16,15 +16,15 @@ from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.simulated.config import SimulatedRobotConfig
 from hotice.deploy.simulated.gantry import Gantry
 from hotice.deploy.simulated.handing import Handing
-from hotice.deploy.simulated.localization import Localization
 from hotice.deploy.simulated.mishaps import Mishaps
 from hotice.deploy.simulated.motors import LIMP, MotorCommand
 from hotice.deploy.simulated.outgoing_states import OutgoingStates
 from hotice.deploy.simulated.remote import SimulatedRemote
+from hotice.deploy.simulated.senses.localization import Localization
+from hotice.deploy.simulated.senses.states import StateWriter
+from hotice.deploy.simulated.senses.tag_sight import CORNER_PX, LATENCY_S, TagSight
 from hotice.deploy.simulated.start import hang
-from hotice.deploy.simulated.states import StateWriter
 from hotice.deploy.simulated.suffering import Suffering
-from hotice.deploy.simulated.tag_sight import CORNER_PX, LATENCY_S, TagSight
 from hotice.deploy.simulated.world import STEP_S, World
 from hotice.deploy.sources.protocol import Sender
 from hotice.deploy.tags import box_bundle
