@@ -8,10 +8,10 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
 from rich.table import Table
 
 from hotice.commands.robot_sim_config import RobotSimConfig
+from hotice.console import PlainConsole
 from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.dds.node import DdsNode
 from hotice.deploy.simulated.keys import KEYS, Terminal
@@ -34,7 +34,7 @@ def robot_sim(config: RobotSimConfig) -> None:
 
 
 def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
-    robot, console, stopped = network.robot, Console(), []
+    robot, console, stopped = network.robot, PlainConsole(), []
     console.print(
         f"simulated robot in {robot.world.scene.name}, {config.start}: domain {config.domain} on {config.interface}, "
         f"pose to UDP {config.pose_port}, tags to {config.tags_port}; Ctrl-C ends"
