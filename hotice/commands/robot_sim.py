@@ -82,7 +82,8 @@ def _summary(network: NetworkRobot, lateness: Lateness) -> Table:
         ("lived", f"{robot.time_s:.2f} s, {robot.steps} states"),
         ("steps late", f"{shares}; worst {1e3 * lateness.worst_s:.2f} ms, slipped {lateness.slipped_s:.3f} s"),
         ("commands", f"{counts.taken} taken; refused: {refused}"),
-        ("robot and object", world.failure or "neither fallen nor dropped"),
+        ("robot and object", robot.failure or "neither fallen nor dropped"),
+        ("object", "given to the robot" if robot.handing.stage == "gone" else robot.handing.stage),
         ("touched", world.touched or "no obstacle"),
         ("to the goal", f"{math.hypot(x - world.scene.goal[0], y - world.scene.goal[1]):.2f} m"),
     ):
