@@ -16,9 +16,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from hotice.console import PlainConsole
 from hotice.evaluate.carriers import Carrier, load_carrier
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.processes import Block, score_blocks
@@ -37,7 +37,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         check_folder(_trials_of(config.out))
         check_unowned(_trials_of(config.out))
     scorer = Scorer.of(config)
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     if config.out is None:
         done = _score_all(scorer, carrier, None, console)
     else:
@@ -50,7 +50,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     report = make_report(carrier, config, scores)
     if config.out is not None:
         write_text(config.out, json.dumps(report, indent=1) + "\n")
-    print_report(report, Console(width=None if Console().is_terminal else 130))
+    print_report(report, PlainConsole(width=None if PlainConsole().is_terminal else 130))
     return report
 
 
@@ -59,22 +59,20 @@ def _trials_of(out: Path) -> Path:
     return Path(f"{out}.trials")
 
 
-def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: Console) -> TrialStore:
+def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: PlainConsole) -> TrialStore:
     """Store of earlier trials beside the report; prints whether the evaluation goes on from them."""
     names = [scene.name for scene in scorer.scenes]
     store = TrialStore(_trials_of(out), scorer.settings(carrier), names)
     if store.changed:
-        console.print(
-            f"{store.folder} was made with another {', '.join(store.changed)}: starting anew", highlight=False
-        )
+        console.print(f"{store.folder} was made with another {', '.join(store.changed)}: starting anew")
     elif store.blocks:
-        console.print(
-            f"{len(store.blocks)} of {len(scorer.blocks())} blocks are in {store.folder}: going on", highlight=False
-        )
+        console.print(f"{len(store.blocks)} of {len(scorer.blocks())} blocks are in {store.folder}: going on")
     return store
 
 
-def _score_all(scorer: Scorer, carrier: Carrier, store: TrialStore | None, console: Console) -> dict[Block, Trials]:
+def _score_all(
+    scorer: Scorer, carrier: Carrier, store: TrialStore | None, console: PlainConsole
+) -> dict[Block, Trials]:
     """Trials of all blocks; scores and stores those that are not yet, under a bar of progress."""
     config, done = scorer.config, store.blocks if store is not None else {}
     before = sum(trials.rollouts for trials in done.values())

@@ -9,8 +9,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from hotice.documents import read_json
 from hotice.errors import InputError
-from hotice.files import make_folder, read_bytes, write_text
+from hotice.files import make_folder, write_text
 
 CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan")
 PLURAL = {
@@ -160,12 +161,12 @@ def read_trials(folder: Path) -> dict[str, Trials]:
 def _read_blocks(file: Path) -> tuple[str, dict[int, Trials]]:
     """Name of the scene and its trials by block. Raises `InputError`."""
     try:
-        content = json.loads(read_bytes(file, MAX_FILE_BYTES))
+        content = read_json(file, MAX_FILE_BYTES)
         blocks = {int(b): Trials(**{k: tuple(v) for k, v in values.items()}) for b, values in content["blocks"].items()}
         if not all(trials.rollouts for trials in blocks.values()):
             raise ValueError("a block without trials")
         return str(content.get("name", file.stem)), blocks
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, InputError):
         raise InputError(
             f"{file}: is no file of trials (changed or damaged): remove it to run its trials anew"
         ) from None
@@ -218,8 +219,8 @@ class TrialStore:
         if not (self.folder / "settings.json").exists():
             return []
         try:
-            old, new = json.loads(read_bytes(self.folder / "settings.json", MAX_FILE_BYTES)), json.loads(text)
-        except ValueError:
+            old, new = read_json(self.folder / "settings.json", MAX_FILE_BYTES), json.loads(text)
+        except InputError:
             return ["settings.json"]
         if not isinstance(old, dict):
             return ["settings.json"]

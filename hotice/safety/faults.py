@@ -75,6 +75,6 @@ class Answer(IntEnum):
     REPEAT = 2
     """The last valid command is given again."""
     HOLD = 3
-    """Joints go to the safe posture and stay."""
+    """Joints stay where they were at the last valid command."""
     DAMP = 4
-    """Joints only damp; final, until somebody sets the state anew."""
+    """Joints only damp, the arms after a second in which they keep what they hold; final."""

@@ -1,7 +1,7 @@
-"""Judgements as plain loops over numbers, so that a robot's guard runs them as they are and a station compiles them.
+"""Judgements as plain loops over numbers: a robot's guard runs them as they are, a station compiles them.
 
-Each `find_…` writes into `begun` (faults,): when the cause of a fault that is there now began [s]; `begun` holds inf
-where there is none. Limits come as the arrays of `measurement_array`, …
+(Compiled by `hotice.compiled`.) Each `find_…` writes into `begun` (faults,) when the cause of a fault that is there now
+began [s]; `begun` holds inf where there is none. Limits come as the arrays of `measurement_array`, …
 """
 
 from __future__ import annotations
@@ -172,11 +172,14 @@ def stands_still(quat, gyro, qd):
     return 1.0 - 2.0 * (quat[1] * quat[1] + quat[2] * quat[2]) >= STILL_UP
 
 
-def remember(begun, since, counts):
-    """Keeps in `since` (faults,) [s] when each present fault began, inf for others, and adds one to its count."""
+def remember(begun, now, since, counts):
+    """Keeps in `since` (faults,) [s] when each present fault began, inf for others, and adds one to its count.
+
+    A cause that says that it began before now is believed: what comes late but regularly grows no older.
+    """
     for fault in range(1, len(begun)):
         if math.isfinite(begun[fault]):
-            since[fault] = min(since[fault], begun[fault])
+            since[fault] = begun[fault] if begun[fault] < now else min(since[fault], now)
             counts[fault] += 1
         else:
             since[fault] = math.inf

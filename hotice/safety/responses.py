@@ -13,7 +13,7 @@ PASS, STOP, REPEAT, HOLD, DAMP = Answer
 _BOX = ((0.0, PASS), (0.5, STOP))
 _STATE = ((0.0, REPEAT), (0.05, DAMP))
 _OLD = ((0.0, PASS), (0.05, DAMP))
-_CONTROLLER = ((0.0, REPEAT), (0.06, HOLD), (0.1, DAMP))
+_CONTROLLER = ((0.0, REPEAT), (0.06, DAMP))
 _FALL = ((0.0, DAMP),)
 RESPONSES: Mapping[Fault, tuple[tuple[float, Answer], ...]] = MappingProxyType(
     {
@@ -24,7 +24,7 @@ RESPONSES: Mapping[Fault, tuple[tuple[float, Answer], ...]] = MappingProxyType(
         Fault.POSE_INVALID: ((0.0, PASS), (0.3, STOP)),
         Fault.POSE_JUMP: ((0.0, PASS), (0.1, STOP)),
         Fault.GUIDANCE_INVALID: ((0.0, STOP),),
-        Fault.JOINT_LIMIT: ((0.0, HOLD),),
+        Fault.JOINT_LIMIT: ((0.0, PASS), (0.1, DAMP)),
         Fault.COMMAND_LATE: _CONTROLLER,
         Fault.OBSERVATION_INVALID: _CONTROLLER,
         Fault.ACTION_INVALID: _CONTROLLER,
@@ -45,7 +45,8 @@ RESPONSES: Mapping[Fault, tuple[tuple[float, Answer], ...]] = MappingProxyType(
     }
 )
 """Answers and the times since the cause [s] from which each holds. Where a cause has an age (late, frozen), the time is
-that age. Damping instead of holding spares a robot that stands still: see `answer_to`."""
+that age. A robot that stands still is not damped because its controller fails: see `answer_to`; one that walks is,
+since in a stiff posture its joints leap and it topples like a board (docs/station.md)."""
 STILL_HOLDS = frozenset(fault for fault, response in RESPONSES.items() if response is _CONTROLLER)
 """Faults under which a robot that stands still goes on holding its posture instead of damping."""
 

@@ -114,7 +114,7 @@ class Watch:
 
     def decide(self, now_s: float, still: bool = False) -> Decision:
         """What to do about all that was noted since the last decision; `still`: the robot stands still."""
-        judge.remember(self._begun, self._since, self.counts)
+        judge.remember(self._begun, now_s, self._since, self.counts)
         answer, cause = judge.decide(now_s, self._since, still, self._responses, self._still_holds)
         present = tuple(Fault(i) for i in np.flatnonzero(np.isfinite(self._begun))[::-1])
         self._begun[:] = np.inf

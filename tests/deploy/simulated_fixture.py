@@ -9,25 +9,31 @@ import numpy as np
 from hotice.deploy.command import LIMITS, CheckedCommand
 from hotice.deploy.link.memory import MemoryBus
 from hotice.deploy.simulated import LivingClock, SimulatedRobot, SimulatedRobotConfig
+from hotice.deploy.sources import MemorySource, PoseSample, TagSample
 from hotice.model.carry import CarryState, solve_carry
+from hotice.model.objects import Box
 
 STEP_S = 0.002
 
 
 @cache
-def carry(config: SimulatedRobotConfig) -> CarryState:
-    return solve_carry(config.carried)
+def carry(box: tuple[float, float, float, float]) -> CarryState:
+    return solve_carry(Box(box[:3], box[3]))
 
 
 class Lab:
     """A robot, a link to it and their clock."""
 
-    def __init__(self, **config) -> None:
+    def __init__(self, *, scene=None, **config) -> None:
         self.config = SimulatedRobotConfig(**{"noise": "none", **config})
         self.clock = LivingClock()
         self.bus = MemoryBus(self.clock)
         self.link = self.bus.link()
-        self.robot = SimulatedRobot(self.config, self.bus.robot(), carry=carry(self.config))
+        self.poses = MemorySource(self.clock, PoseSample.decode)
+        self.tags = MemorySource(self.clock, TagSample.decode)
+        self.robot = SimulatedRobot(
+            self.config, self.bus.robot(), pose=self.poses, tags=self.tags, carry=carry(self.config.box), scene=scene
+        )
         self.world = self.robot.world
         self.clock.every_step(self.robot.step)
 

@@ -15,6 +15,7 @@ from hotice.model.objects import Sphere
 from hotice.policy import Percept, PerceptModel, PolicyTask, open_policy
 from hotice.policy.guidance import read_fields
 from hotice.policy.observation import LAYOUT, Carrying, layout_of, observe, remember
+from hotice.safety import Answer, Fault
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.sensing import Sensors
@@ -267,9 +268,85 @@ def test_latency_of_the_motors(station, carry, robot_state):
     assert (targets[1] != targets[0]).any() and (targets[3] != targets[2]).any()
 
 
-def test_actions_are_finite_and_bounded():
-    raw = np.array([np.nan, np.inf, -np.inf, 9.0, -0.5])
-    np.testing.assert_array_equal(next_action(raw, 4.0), [0.0, 4.0, -4.0, 4.0, -0.5])
+def test_actions_are_bounded():
+    np.testing.assert_array_equal(next_action(np.array([9.0, -9.0, -0.5]), 4.0), [4.0, -4.0, -0.5])
+
+
+class Failing:
+    """The shipped policy, which then gives up."""
+
+    def __init__(self, answer):
+        self.shipped, self.answer = open_policy("carry"), answer
+        self.name, self.meta, self.layout = "failing", self.shipped.meta, self.shipped.layout
+
+    def run(self, observation):
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        actions = self.shipped.run(observation)
+        if self.answer is not None:
+            actions[0, 7] = self.answer
+        return actions
+
+
+@pytest.mark.parametrize(
+    "answer, fault, message",
+    [
+        (np.nan, Fault.ACTION_INVALID, "the action is not finite"),
+        (np.inf, Fault.ACTION_INVALID, "the action is not finite"),
+        (CheckpointError("no\nmore"), Fault.CONTROLLER_ERROR, "CheckpointError: no more"),
+        (ZeroDivisionError("by 0"), Fault.CONTROLLER_ERROR, "ZeroDivisionError: by 0"),
+        (np.linalg.LinAlgError("singular"), Fault.CONTROLLER_ERROR, "LinAlgError: singular"),
+        (IndexError("out"), Fault.CONTROLLER_ERROR, "IndexError: out"),
+        (RuntimeError("gave up"), Fault.CONTROLLER_ERROR, "RuntimeError: gave up"),
+        ("percept", Fault.OBSERVATION_INVALID, "the observation is not finite"),
+    ],
+)
+def test_a_policy_that_fails_keeps_its_target_and_says_why(station, carry, robot_state, answer, fault, message):
+    percept, reading = policy_inputs(station, carry, robot_state)
+    policy = Failing(None)
+    system = PolicySystem(policy, carry)
+    simulator = stepped(system, percept=percept.vector, guidance=reading.vector)
+    context = simulator.get_mutable_context()
+    good = [system.GetOutputPort(name).Eval(context).copy() for name in ("joint_target", "action")]
+    np.testing.assert_array_equal(system.GetOutputPort("status").Eval(context), [0.0, 0.0])
+    assert system.message(context) == ""
+    if answer == "percept":
+        bad = percept.vector.copy()
+        bad[9] = np.nan
+        system.GetInputPort("percept").FixValue(context, bad)
+    else:
+        policy.answer = answer
+    simulator.AdvanceTo(0.021)
+    np.testing.assert_array_equal(system.GetOutputPort("status").Eval(context), [0.02, fault])
+    assert system.message(context) == message
+    for name, value in zip(("joint_target", "action"), good, strict=True):
+        np.testing.assert_array_equal(system.GetOutputPort(name).Eval(context), value)
+    policy.answer = None
+    system.GetInputPort("percept").FixValue(context, percept.vector)
+    simulator.AdvanceTo(0.041)
+    np.testing.assert_array_equal(system.GetOutputPort("status").Eval(context), [0.04, 0.0])
+    assert (system.GetOutputPort("joint_target").Eval(context) != good[0]).any()
+
+
+def test_a_defect_of_a_policy_is_no_fault(station, carry, robot_state):
+    percept, reading = policy_inputs(station, carry, robot_state)
+    with pytest.raises(TypeError, match="a defect"):
+        stepped(PolicySystem(Failing(TypeError("a defect")), carry), percept=percept.vector, guidance=reading.vector)
+
+
+def test_a_policy_told_to_stand_reads_no_command(station, carry, robot_state):
+    percept, reading = policy_inputs(station, carry, robot_state)
+    system = PolicySystem(open_policy("carry"), carry)
+    simulator = stepped(system, percept=percept.vector, guidance=reading.vector, answer=[0.0, 0.0])
+    context = simulator.get_mutable_context()
+    walking = system.observation(context)
+    system.GetInputPort("answer").FixValue(context, [float(Answer.STOP_WALKING), float(Fault.BOX_LATE)])
+    still = system.observation(context)
+    ends = dict(zip((n for n, _ in LAYOUT), np.cumsum([w for _, w in LAYOUT]), strict=True))
+    command = slice(ends["command"] - 6, ends["command"])
+    np.testing.assert_array_equal(still[command], [0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    assert (walking[command] != still[command]).sum() >= 3
+    np.testing.assert_array_equal(np.delete(walking, np.r_[command]), np.delete(still, np.r_[command]))
 
 
 def test_a_policy_of_another_layout_is_refused(carry):

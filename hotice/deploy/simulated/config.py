@@ -8,10 +8,10 @@ from typing import Literal
 from hotice import checks
 from hotice.checks import Range
 from hotice.deploy.messages.hg import ABSENT
+from hotice.deploy.simulated.mishaps import Mishap
+from hotice.deploy.simulated.remote import Press
 from hotice.errors import InvalidConfig
-from hotice.model.dynamics import DynamicsConfig
 from hotice.model.objects import Box
-from hotice.task.protocols import get_protocol
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 Start = Literal["standing", "held"]
@@ -31,8 +31,8 @@ class SimulatedRobotConfig:
     start: Start = "standing"
     """- standing: on the floor in the carry state, the object in its hands; it holds itself and is steadied until the
     first command that turns a motor on.
-    - held: hanging from a gantry with its motors off, the object kept aside; key F2 lowers the gantry, key F1 first
-    holds the object between the palms, pressed again lets it go."""
+    - held: hanging from a gantry with its motors off, the object kept aside; key F2 lowers the gantry, key F1 parts
+    the palms and holds the object between them, pressed again lets it go."""
     noise: Literal["none", "trained"] = "trained"
     """Noise of what is sensed: none, or what students are trained and evaluated under."""
     delays: Literal["none", "trained"] = "none"
@@ -51,6 +51,13 @@ class SimulatedRobotConfig:
     """Charge at the start [percent]."""
     drift_m_s: float = 0.0
     """Speed at which localization drifts away, in a direction drawn by the seed [m/s]."""
+    fault: tuple[str, ...] = ()
+    """What goes wrong and when: NAME@STARTs, or NAME@STARTs+DURATIONs, for example tag-loss@3s or tick-frozen@4s+0.5s.
+    Names: state-silent, state-lost, state-late, state-doubled, state-bad-crc, state-nan, tick-frozen, push,
+    second-publisher, remote-loss, battery-low, motor-hot, motor-error, encoder-jump, tag-loss, tag-foreign, pose-loss,
+    pose-frozen, pose-jump, pose-turn, pose-nan."""
+    press: tuple[str, ...] = ()
+    """Keys of the gamepad pressed for 0.2 s, or longer: KEYS@STARTs, or KEYS@STARTs+DURATIONs, for example L2+B@4s."""
     seed: int = 0
     """Seed of noise, delays, the drawn robot and faults."""
 
@@ -70,6 +77,8 @@ class SimulatedRobotConfig:
         checks.number("battery_percent", self.battery_percent, Range(least=0, most=100, unit="percent"))
         checks.number("drift_m_s", self.drift_m_s, checks.NOT_NEGATIVE)
         checks.whole("seed", self.seed, checks.INT64)
+        # read once for what they raise
+        _ = self.mishaps, self.presses
 
     @property
     def carried(self) -> Box:
@@ -82,7 +91,11 @@ class SimulatedRobotConfig:
         return STUDENT_SENSING if self.noise == "trained" else SensingConfig()
 
     @property
-    def drawn_from(self) -> DynamicsConfig:
-        """What the robot's parameters are drawn from."""
-        protocol = get_protocol("robot")
-        return protocol.dynamics if self.dynamics == "drawn" else protocol.nominal
+    def mishaps(self) -> tuple[Mishap, ...]:
+        """What goes wrong. Raises `UnknownName`, `InvalidConfig`."""
+        return tuple(Mishap.parse(text) for text in self.fault)
+
+    @property
+    def presses(self) -> tuple[Press, ...]:
+        """Keys and when. Raises `UnknownName`, `InvalidConfig`."""
+        return tuple(Press.parse(text) for text in self.press)

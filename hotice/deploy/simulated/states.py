@@ -6,13 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.deploy.messages.hg import BMS_STATE, JOINTS, LOW_STATE, PITCH_ROLL
-from hotice.deploy.simulated.inertial import UP, Imu, roll_pitch_yaw, tilted
+from hotice.deploy.simulated.inertial import UP, Imu, conjugate, product, roll_pitch_yaw, rotated, tilted
 from hotice.deploy.simulated.world import STEP_S, World
-from hotice.model.frames import quat_conj, quat_from_yaw, quat_mul, quat_rotate, yaw_from_quat
+from hotice.model import g1
+from hotice.model.frames import quat_from_yaw, yaw_from_quat
 from hotice.model.joint_limits import torque_limits
 from hotice.task.sensing import SensingConfig
 
 Array = NDArray[np.float64]
+KNEE = g1.ALL_JOINTS.index("left_knee_joint")
 TICKS = round(1e3 * STEP_S)
 """Ticks from state to state: milliseconds, as the vendor's examples count; not known of the robot."""
 AMBIENT_C, FULL_LOAD_C = 30.0, 90.0
@@ -40,8 +42,9 @@ class StateWriter:
         self._winding, self._casing = np.full(29, AMBIENT_C), np.full(29, AMBIENT_C)
         self._speed_before = world.joint_vel.copy()
         self._charge = battery_percent
-        self.extra_heat = 0.0
-        """Added to every winding's temperature [°C], for faults."""
+        self.extra_heat, self.knee_error, self.knee_offset_rad = 0.0, 0, 0.0
+        """For mishaps: added to every winding's temperature [°C]; bits of the left knee's error; what its encoder reads
+        beside the truth [rad]."""
 
     def write(self, remote: np.ndarray, on: np.ndarray) -> np.ndarray:
         """A new LowState () without checksum. `remote`: bytes of the gamepad (40,); `on`: which motors are, (29,)."""
@@ -60,6 +63,8 @@ class StateWriter:
         motors["tau_est"][JOINTS] = torque
         motors["temperature"][JOINTS, 0] = np.round(self._casing)
         motors["temperature"][JOINTS, 1] = np.round(self._winding + self.extra_heat)
+        motors["motorstate"][KNEE] = self.knee_error
+        motors["q"][KNEE] += self.knee_offset_rad
         motors["vol"][JOINTS] = 1e-3 * CELLS * self._cell_mv
         self._speed_before = world.joint_vel.copy()
         self._write_imu(draws[58:61], draws[61:])
@@ -91,9 +96,9 @@ class StateWriter:
     def _write_imu(self, u_gyro: Array, u_gravity: Array) -> None:
         imu, sensing = self._record["imu_state"], self._sensing
         true = self._imu.read(self._world.data.qpos, self._world.data.qvel)
-        quat = quat_mul(self._turn, true.quaternion)
+        quat = product(self._turn, true.quaternion)
         if sensing.gravity:
-            quat = tilted(quat, quat_rotate(quat_conj(quat), -UP) + sensing.gravity * u_gravity)
+            quat = tilted(quat, rotated(conjugate(quat), -UP) + sensing.gravity * u_gravity)
         imu["quaternion"], imu["rpy"] = quat, roll_pitch_yaw(quat)
         imu["gyroscope"] = true.gyroscope + sensing.gyro_rad_s * u_gyro
         imu["accelerometer"] = true.accelerometer

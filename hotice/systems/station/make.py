@@ -107,12 +107,22 @@ def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any) -> Non
         contact_force=(plant, "contact_force"),
         guidance=(fields, "guidance"),
     )
-    source, port = add_controller(builder, setup, sensed, latency_s)
+    command, status = add_controller(builder, setup, sensed, latency_s)
     monitor = SafetyMonitor(SafePosture.of(setup.carry), config.safety, dt, setup.torques)
     safety = _add(builder, "safety_monitor", monitor)
     connect(builder, adaptor, "robot_state", safety, "robot_state")
-    connect(builder, source, port, safety, "command")
+    connect(builder, adaptor, "tick", safety, "tick")
+    connect(builder, *command, safety, "command")
+    if status is not None:
+        connect(builder, *status, safety, "status")
+    if setup.controller_name == "policy":
+        # others read the true state, and their percepts would be computed for nothing
+        connect(builder, *sensed.percept, safety, "watched_percept")
+        connect(builder, *sensed.guidance, safety, "watched_guidance")
+        connect(builder, safety, "answer", builder.GetSubsystemByName("policy"), "answer")
     connect(builder, safety, "command", plant, "actuation")
+    if setup.plant_name == "mujoco":
+        connect(builder, safety, "damped", plant, "damped")
     if config.log_hz:
         add_loggers(builder, 1.0 / config.log_hz)
     if meshcat is not None:
