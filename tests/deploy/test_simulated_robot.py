@@ -6,7 +6,7 @@ import pytest
 from hotice.deploy.messages.checks import seal
 from hotice.deploy.messages.hg import JOINTS, LOW_STATE
 from hotice.deploy.messages.remote import connected, pressed
-from hotice.deploy.simulated.inertial import Imu, roll_pitch_yaw, tilted
+from hotice.deploy.simulated.senses.inertial import Imu, roll_pitch_yaw, tilted
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
 from hotice.model.frames import quat_from_axis_angle, quat_rotate
