@@ -10,7 +10,7 @@ from hotice.lazy import lazy_face
 if TYPE_CHECKING:
     from hotice.deploy.guard.config import GuardConfig
     from hotice.deploy.guard.dry import DryLink
-    from hotice.deploy.guard.faults import Answer, Cause, Finding
+    from hotice.deploy.guard.faults import Cause, Finding, Reaction
     from hotice.deploy.guard.guard import Event, Guard
     from hotice.deploy.guard.limits import GuardLimits
     from hotice.deploy.guard.loop import Lateness, run_loop
@@ -19,7 +19,6 @@ else:
     __getattr__, __dir__ = lazy_face(__name__)
 
 __all__ = [
-    "Answer",
     "Cause",
     "DryLink",
     "Event",
@@ -29,6 +28,7 @@ __all__ = [
     "GuardLimits",
     "Lateness",
     "Mode",
+    "Reaction",
     "Request",
     "run_loop",
 ]

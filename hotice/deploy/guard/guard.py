@@ -183,7 +183,7 @@ class Guard:
     def _tell_faults(self, found: list[Finding], now_s: float) -> None:
         for finding in found:
             if finding.cause not in self._told and self.mode is not Mode.OFF:
-                self._event(now_s, finding.cause, f"{finding.answer.name.lower()}: {finding}")
+                self._event(now_s, finding.cause, f"{finding.reaction.name.lower()}: {finding}")
         self._told = frozenset(finding.cause for finding in found)
 
     def _event(self, now_s: float, cause: Cause, text: str) -> None:

@@ -1,4 +1,4 @@
-"""The runner: 50 times a second from what is sensed to joint targets in the guard's slot, by the policy that was trained.
+"""The runner: 50 times a second from what is sensed to joint targets in the guard's slot, by a trained policy.
 
 Everything heavy is here, and may stall or die: the guard brakes then.
 """
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from hotice.deploy.runner.carry_policy import CarryPolicy
     from hotice.deploy.runner.direct import DirectEstimator, SeenPose
     from hotice.deploy.runner.estimator import Estimate, Estimator
-    from hotice.deploy.runner.runner import Runner
+    from hotice.deploy.runner.runner import RobotRunner
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
-__all__ = ["CarryPolicy", "DirectEstimator", "Estimate", "Estimator", "Runner", "SeenPose"]
+__all__ = ["CarryPolicy", "DirectEstimator", "Estimate", "Estimator", "RobotRunner", "SeenPose"]

@@ -1,6 +1,6 @@
 """The carrying policy with its memory: the last action, the step clock and the history.
 
-The twin of `hotice.systems.policy.PolicySystem` without a diagram; observation, action law and clock are the same calls.
+The twin of `hotice.systems.policy.PolicySystem` without a diagram: the same calls make observation and action.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ _ACTION = joint_index(len(g1.ACTION_JOINTS))
 _WRIST = [g1.ALL_JOINTS.index(joint) for joint in g1.WRIST_JOINTS]
 
 
-class Runner:
+class RobotRunner:
     """Call `tick` once a control period.
 
     Args:
