@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Hashable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hotice.checks import shown
 from hotice.errors import HoticeError, InputError, InvalidConfig
 from hotice.files import read_bytes
-
-if TYPE_CHECKING:
-    import yaml
 
 MAX_DEPTH = 50
 """Most lists and mappings within each other: what goes through a document one by one needs no stack of any size."""
@@ -68,11 +64,14 @@ def read_yaml(path: str | Path, max_bytes: int) -> Any:
         InputError: the file cannot be read.
         InvalidConfig: it is no such YAML, or has aliases (a small file could become huge), tags or a key twice.
     """
+    # PyYAML is imported only where a YAML file is read
     import yaml
+
+    from hotice.plain_yaml import load_plain
 
     content = read_bytes(path, max_bytes)
     try:
-        value = yaml.load(content.decode(), plain_loader())  # noqa: S506 - a loader of plain values
+        value = load_plain(content.decode(), MAX_DIGITS)
     except yaml.MarkedYAMLError as wrong:
         # the rest of the message quotes the file
         said = ", ".join(filter(None, (wrong.context, wrong.problem)))
@@ -84,50 +83,6 @@ def read_yaml(path: str | Path, max_bytes: int) -> Any:
         raise InvalidConfig(f"{path}: is nested too deeply") from None
     _check_depth(str(path), value, InvalidConfig)
     return value
-
-
-def plain_loader() -> type[yaml.SafeLoader]:
-    """The loader of `read_yaml`; PyYAML is imported only where a YAML file is read."""
-    import yaml
-
-    kinds = ("null", "bool", "int", "float", "str", "seq", "map")
-
-    class Plain(yaml.SafeLoader):
-        # dates, sets and the like stay text: PyYAML's own constructors fail on impossible ones in many ways
-        yaml_implicit_resolvers = {
-            letter: [(tag, pattern) for tag, pattern in rows if tag.rpartition(":")[2] in kinds]
-            for letter, rows in yaml.SafeLoader.yaml_implicit_resolvers.items()
-        }
-
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            if self.check_event(yaml.AliasEvent):
-                raise yaml.YAMLError("aliases (*name) are not allowed: write the values out, or under 'defaults'")
-            node = super().compose_node(parent, index)
-            if node is not None and node.tag.removeprefix("tag:yaml.org,2002:") not in kinds:
-                raise yaml.YAMLError(f"tag {shown(node.tag)} is not allowed: known are {', '.join(kinds)}")
-            return node
-
-        def construct_scalar(self, node: Any) -> Any:
-            value = super().construct_scalar(node)
-            number = node.tag.endswith((":int", ":float"))
-            if number and (len(value) > MAX_DIGITS or not self._is(node.tag, value)):
-                raise yaml.YAMLError(f"{shown(value)} is no number that can be read")
-            return value
-
-        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-            keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-            if wrong := [key for key in keys if not isinstance(key, Hashable)]:
-                raise yaml.YAMLError(f"key {shown(wrong[0])}: text or a number is needed")
-            if repeated := [key for key, count in Counter(keys).items() if count > 1]:
-                raise yaml.YAMLError(f"key {shown(repeated[0])} twice")
-            return super().construct_mapping(node, deep)
-
-        def _is(self, tag: str, value: str) -> bool:
-            """Whether text with this tag, perhaps given by hand, is what the tag says."""
-            rows = self.yaml_implicit_resolvers.get(value[:1], ())
-            return any(tag == known and pattern.match(value) for known, pattern in rows)
-
-    return Plain
 
 
 def _once(items: list[tuple[str, Any]]) -> dict[str, Any]:
