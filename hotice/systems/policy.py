@@ -14,6 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from hotice.model.carry import CarryState
 from hotice.policy import PolicySession, PolicyTask
+from hotice.policy.action import next_action, standing
 from hotice.policy.guidance import FieldReading
 from hotice.policy.observation import Carrying, layout_of, observe, remember
 from hotice.policy.percept import Percept
@@ -138,16 +139,3 @@ class PolicySystem(LeafSystem):
 
     def _output_action(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state(MEMORY).value()[ACTION])
-
-
-def next_action(raw: Array, limit: float) -> Array:
-    """What the environment makes of a network's finite output (20,): within ± `limit`."""
-    return np.minimum(np.maximum(raw, -limit), limit)
-
-
-def standing(reading: FieldReading) -> FieldReading:
-    """The reading of a robot that is to stand where it is: no command, as at the goal."""
-    still = FieldReading(reading.vector.copy())
-    for name in ("c_W", "speed", "heading_error", "goal_distance"):
-        still.vector[FieldReading.PARTS[name]] = 0.0
-    return still
