@@ -38,32 +38,35 @@ class DemoConfig:
 def run(config: DemoConfig) -> None:
     """Runs the demo. Raises `HoticeError`."""
     import numpy as np
-    from rich.console import Console
 
+    from hotice.console import PlainConsole
     from hotice.evaluate.config import EvaluateConfig
     from hotice.evaluate.record import record_rollouts
     from hotice.evaluate.run import evaluate
     from hotice.fields import build_hod_pf
-    from hotice.files import make_folder
+    from hotice.files import check_folder, make_folder, output_file
     from hotice.learn.policy import load_policy
     from hotice.model import Box, load_scenes
     from hotice.model.carry import solve_carry
     from hotice.replay import write_html, write_overview
 
-    console = Console()
-    make_folder(config.out)
+    console = PlainConsole()
+    files = [config.out / name for name in ("report.json", "replay.html", "overview.png")]
+    check_folder(config.out)
+    for file in files:
+        output_file(file)
     policy = load_policy(config.policy)
     scenes = load_scenes(config.scenes)
+    make_folder(config.out)
     for scene in scenes:
         begin = time.perf_counter()
         field = build_hod_pf(scene)
         pelvis = np.array([*scene.start[:2], 0.75])
         console.print(
-            f"fields of [bold]{scene.name}[/]: {len(scene.obstacles)} obstacles, path of "
-            f"{float(field.sgf.geodesic_distance(pelvis)):.2f} m, {time.perf_counter() - begin:.1f} s",
-            highlight=False,
+            f"fields of {scene.name}: {len(scene.obstacles)} obstacles, path of "
+            f"{float(field.sgf.geodesic_distance(pelvis)):.2f} m, {time.perf_counter() - begin:.1f} s"
         )
-    report = config.out / "report.json"
+    report, page, picture = files
     evaluate(
         EvaluateConfig(
             policy=config.policy,
@@ -80,10 +83,10 @@ def run(config: DemoConfig) -> None:
     for scene in scenes:
         with console.status(f"recording {scene.name}"):
             records += record_rollouts(policy, scene, states, seed=config.seed)
-    page = write_html(records, config.out / "replay.html")
-    picture = write_overview(records[:: config.shown], config.out / "overview.png")
+    write_html(records, page)
+    write_overview(records[:: config.shown], picture)
     for what, path in (("report", report), ("replay", page), ("picture", picture)):
-        console.print(f"{what:>8}: {path.resolve()}", highlight=False, soft_wrap=True)
+        console.print(f"{what:>8}: {path.resolve()}", soft_wrap=True)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -92,13 +95,14 @@ def main(argv: list[str] | None = None) -> int:
 
     from hotice.commands.help_text import unbroken_help
     from hotice.errors import HoticeError
+    from hotice.failures import one_line
 
     try:
         with unbroken_help():
             config = tyro.cli(DemoConfig, args=argv, prog="python -m hotice.demo", description=__doc__)
         run(config)
     except HoticeError as error:
-        print(f"hotice: {error}".replace("\n", " "), file=sys.stderr)
+        print(one_line(f"hotice: {error}"), file=sys.stderr)
         return 2
     return 0
 

@@ -21,7 +21,7 @@ LOWER = {
     "reproduce": "lower --num-envs or --threads",
     "pipeline": "lower --workers",
 }
-"""What needs the memory of a command."""
+"""Options by command that lower its need of memory."""
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 FORBIDDEN = (errno.EROFS, errno.EACCES, errno.EPERM)
 BROKEN = (errno.EIO, errno.ESTALE)
@@ -32,11 +32,12 @@ SAYINGS = (
     "Failed to allocate",
     "Cannot allocate memory",
 )
-"""How torch (CPU), CUDA, MuJoCo, Warp and the kernel say that memory ran out, in errors of no kind of their own."""
+"""Messages by which torch (CPU), CUDA, MuJoCo, Warp and the kernel say that memory ran out, in errors of no kind
+of their own."""
 
 
 def mendable(error: BaseException, command: str = "") -> HoticeError | None:
-    """What to tell the user of `command` instead of a traceback; None for an error that is a defect."""
+    """Message for the user of `command` instead of a traceback; None for an error that is a defect."""
     if isinstance(error, HoticeError):
         return error
     if ran_out_of_memory(error):
@@ -58,6 +59,12 @@ def ran_out_of_memory(error: BaseException) -> bool:
     if torch is not None and isinstance(error, torch.OutOfMemoryError):
         return True
     return isinstance(error, (RuntimeError, ValueError)) and any(words in str(error) for words in SAYINGS)
+
+
+def one_line(text: str) -> str:
+    """Text on one line in which whatever would move the cursor or colour a terminal is written out."""
+    words = text.replace("\n", " ")
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in words)
 
 
 def _where(error: BaseException) -> str:

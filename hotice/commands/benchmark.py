@@ -23,8 +23,9 @@ SHARES = ("physics", "fields", "rewards and observations", "acting", "learning",
 
 def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
     """Measures every size, prints a table as it grows, writes the report; returns it. Raises `HoticeError`."""
-    from rich.console import Console
     from rich.live import Live
+
+    from hotice.console import PlainConsole
 
     if config.out is not None:
         check_writable(config.out)
@@ -40,7 +41,7 @@ def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
         "perturbed": config.perturbed,
         "source": source_version(),
     }
-    console = Console(width=None if Console().is_terminal else 150)
+    console = PlainConsole(width=None if PlainConsole().is_terminal else 150)
     with Live(_table(sizes, config), console=console, auto_refresh=False) as live:
         for num_envs in config.num_envs:
             runner = Runner(config.training(num_envs))

@@ -64,7 +64,7 @@ class PlayConfig:
     video: Path | None = None
     """Film (.mp4) of one rollout; needs imageio-ffmpeg."""
     video_of: int = 1
-    """Which rollout is filmed, by its number in the printed list."""
+    """Rollout that is filmed, by its number in the printed list."""
     rollouts: int = 2
     """Rollouts a scene, each with another object."""
     seed: int = 0
@@ -108,7 +108,7 @@ class PipelineConfig:
     workers: int = 1
     """Jobs at a time on this machine; a cluster runs as many as it has room for."""
     retries: int = 2
-    """How often a job is tried again when its process dies."""
+    """Number of times a job is tried again when its process dies."""
     cluster: str | None = None
     """Ray cluster: its address, or "auto" for the one that this machine belongs to; none: processes of this machine."""
 
@@ -156,7 +156,7 @@ class BenchmarkConfig:
             self.training(num_envs)
 
     def training(self, num_envs: int) -> TrainConfig:
-        """What is trained; raises `InvalidConfig` or `UnknownName`."""
+        """Training that is timed; raises `InvalidConfig` or `UnknownName`."""
         return TrainConfig(
             num_envs=num_envs,
             preset=self.preset,

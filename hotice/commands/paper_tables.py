@@ -68,7 +68,7 @@ class Made:
     trained_by: str | None
 
     def origin(self) -> dict[str, Any]:
-        """What stands behind a number, JSON-ready."""
+        """Source of a number, JSON-ready."""
         trained = self.report["trained"]
         return {
             "policy": self.report["policy"],
@@ -109,7 +109,7 @@ def table_markdown(table: Table, made: Mapping[str, Made]) -> str:
 
 
 def origins_markdown(made: Mapping[str, Made]) -> str:
-    """What trained each policy and which command made its numbers."""
+    """Training of each policy, and the command that made its numbers."""
     lines = ["## Where the numbers are from", ""]
     for name, entry in made.items():
         trained = entry.report["trained"]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import torch
-from rich.console import Console
 from rich.progress import track
 
 from hotice.commands.configs import PlayConfig
+from hotice.console import PlainConsole
 from hotice.errors import InvalidConfig
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.record import failures_first, record_rollouts
@@ -21,12 +21,12 @@ from hotice.sim.carry_bank import CarryBank
 
 def play(config: PlayConfig) -> list[RolloutRecord]:
     """Records rollouts, prints how they ended and writes what is asked for. Raises `HoticeError`."""
-    for path in filter(None, (config.out, config.video)):
+    for path in filter(None, (config.out, config.out.with_suffix(".png"), config.video)):
         check_writable(path)
     scenes = resolve_scenes(config.scenes)
     if config.video is not None and config.video_of > len(scenes) * config.rollouts:
         raise InvalidConfig(f"video_of is {config.video_of}: there are {len(scenes) * config.rollouts} rollouts")
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     watched = track(scenes, "rollouts", console=console, transient=True, disable=not console.is_terminal)
     if config.controller == "policy":
         policy = load_policy(config.policy)

@@ -6,7 +6,7 @@ import contextlib
 import os
 import sys
 
-from hotice.failures import mendable
+from hotice.failures import mendable, one_line
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -23,7 +23,7 @@ def main(argv: list[str] | None = None) -> int:
         known = mendable(error, argv[0] if argv else "")
         if known is None:
             raise
-        print(f"hotice: {known}".replace("\n", " "), file=sys.stderr)
+        print(one_line(f"hotice: {known}"), file=sys.stderr)
         _drop_unwritten()
         return 2
 

@@ -17,7 +17,7 @@ from hotice.task.presets import PRESETS
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """What a policy of the tables is trained and evaluated on."""
+    """Scenes and budget that a policy of the tables is trained and evaluated on."""
 
     preset: str = "dual_hodpf"
     shape: str = "box"
@@ -51,7 +51,7 @@ class ReproduceConfig:
     """One reproduction."""
 
     what: Annotated[Literal["table1", "table2", "unseen", "all"], tyro.conf.Positional]
-    """Which result of the paper."""
+    """Result of the paper to make."""
     budget: Literal["small", "paper"] = "small"
     """small: policies that are not given are trained for the same small number of steps, 100 trials a scene; paper:
     1,000 trials a scene, nothing is trained."""
@@ -68,7 +68,7 @@ class ReproduceConfig:
     seed: int = 0
     """Seed of training and evaluation."""
     threads: int = 0
-    """Cores; 0: all."""
+    """Cores; 0: all that this process may use."""
     protocol: Literal["robot", "paper"] = "robot"
     """Physics and perturbations of the evaluations, as in `hotice evaluate`; tables name it."""
     perturbed: bool = True

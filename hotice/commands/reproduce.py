@@ -18,8 +18,8 @@ from hotice.commands.recipes import RECIPES, ReproduceConfig
 from hotice.errors import InvalidConfig, SimulationError
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.run import evaluate
-from hotice.files import make_folder, write_text
-from hotice.learn.checkpoints.checkpoint import list_checkpoints
+from hotice.files import check_folder, make_folder, output_file, write_text
+from hotice.learn.checkpoints.checkpoint import list_checkpoints, read_meta
 from hotice.learn.checkpoints.trained_on import TrainedOn
 from hotice.learn.checkpoints.training_scenes import whole_record
 from hotice.learn.policy import load_policy
@@ -35,18 +35,20 @@ def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> d
 
     Raises `HoticeError`, `SimulationError` when a training was interrupted.
     """
-    from rich.console import Console
-
     from hotice.commands.unseen_views import unseen_markdown
+    from hotice.console import PlainConsole
 
-    console = Console(stderr=True)
-    make_folder(config.out)
+    console = PlainConsole(stderr=True)
+    check_folder(config.out)
+    for name in ("tables.json", "tables.md", "unseen.png"):
+        output_file(config.out / name)
     wanted = list(dict.fromkeys(row.policy for name in config.tables() for row in TABLES[name].rows))
     given, made, paths = config.given(), {}, {}
     _check_presets(given)
     _check_scenes(config, wanted)
     if "unseen" in config.tables() and "generalist" in given:
         _record(config, given["generalist"])
+    make_folder(config.out)
     for name in wanted:
         command = None
         if name in given:
@@ -101,7 +103,7 @@ def _train(config: ReproduceConfig, name: str, shared: TrainConfig) -> tuple[str
 
 
 def _trained(train: TrainConfig) -> bool:
-    newest = [json.loads((p / "meta.json").read_text())["update"] for p in list_checkpoints(train.out)[-1:]]
+    newest = [int(read_meta(p).get("update", 0)) for p in list_checkpoints(train.out)[-1:]]
     return bool(newest) and newest[0] >= train.updates
 
 
@@ -157,7 +159,7 @@ def _check_scenes(config: ReproduceConfig, names: Sequence[str]) -> None:
 
 
 def _record(config: ReproduceConfig, path: str) -> TrainedOn:
-    """What the generalist was trained on. Raises `CheckpointError` or `InvalidConfig`, see `whole_record`."""
+    """Training record of the generalist. Raises `CheckpointError` or `InvalidConfig`, see `whole_record`."""
     return whole_record(load_policy(path, threads=1).meta, path, config.trained_on)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from hotice.commands.configs import (
     BenchmarkConfig,
     DistillConfig,
@@ -15,7 +17,8 @@ from hotice.commands.configs import (
     ReproduceConfig,
     TrainConfig,
 )
-from hotice.files import check_writable
+from hotice.files import check_folder, check_writable
+from hotice.owner import check_unowned
 
 STOPPED = 75
 """Exit status of a run that was asked to stop and has saved: to be gone on with (EX_TEMPFAIL of sysexits.h)."""
@@ -25,6 +28,7 @@ def train(config: Flat[TrainConfig]) -> int:
     """Train the agents of a preset with dual PPO."""
     from hotice.learn.train.runner import Runner
 
+    _check_run_folder(config.out)
     return 0 if Runner(config).train() else STOPPED
 
 
@@ -32,6 +36,7 @@ def distill(config: Flat[DistillConfig]) -> int:
     """Make one student of several teachers (DAgger), under noise, delays and pushes."""
     from hotice.learn.distill.dagger import DistillRunner
 
+    _check_run_folder(config.out)
     return 0 if DistillRunner(config).train() else STOPPED
 
 
@@ -39,6 +44,7 @@ def finetune(config: Flat[FinetuneConfig]) -> int:
     """Go on from a student with dual PPO, under noise, delays and pushes."""
     from hotice.learn.train.runner import Runner
 
+    _check_run_folder(config.out)
     return 0 if Runner(config).train() else STOPPED
 
 
@@ -113,6 +119,15 @@ def benchmark(config: Flat[BenchmarkConfig]) -> int:
 def scene() -> int:
     """Import, show, check, list and generate scenes: see `hotice scene --help`."""
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
+
+
+def _check_run_folder(out: Path) -> None:
+    """Raises `OutputError` before the work where a run cannot be written to this folder, or another one is."""
+    from hotice.learn import distributed
+
+    check_folder(out)
+    if distributed.leads():  # the other ranks of this run would find it owned by the first
+        check_unowned(out)
 
 
 COMMANDS = {

@@ -1,4 +1,4 @@
-"""What a model can do without learning: whole-body control, picking an object up, walking with it.
+"""Control by a model, without learning: whole-body control, picking an object up, walking with it.
 
 Importing this package costs numpy only; Pinocchio, CasADi and the QP solvers are imported where they are used.
 """

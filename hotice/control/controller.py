@@ -21,7 +21,7 @@ NUM_JOINTS = len(g1.ACTION_JOINTS)
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What is known about robot and object at one instant, in W; quaternions wxyz.
+    """Knowledge of robot and object at one instant, in W; quaternions wxyz.
 
     The constructor does not check: a controller answers what is not finite with a safe command and counts a fault.
 
@@ -55,7 +55,7 @@ class Measurement:
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """What the joints shall do until the next step.
+    """Command to the joints until the next step.
 
     Attributes:
         torque: (20,) [N m], order `g1.ACTION_JOINTS`, within the torque limits.
@@ -73,7 +73,7 @@ class Controller(Protocol[Memory]):
 
     @property
     def rate_hz(self) -> float:
-        """How often `step` must be called."""
+        """Period at which `step` must be called [s]."""
         ...
 
     def start(self, measurement: Measurement) -> Memory:

@@ -67,7 +67,7 @@ class CheckedCommand:
     kd: np.ndarray
     """Damping [N m s/rad]."""
     enabled: np.ndarray
-    """Which motors are on, (29,) bool."""
+    """Mask of the motors that are on, (29,) bool."""
 
     def __post_init__(self) -> None:
         for name in FIELDS:
@@ -83,7 +83,7 @@ class CheckedCommand:
         _within("tau + kd dq", self.tau + self.kd * self.dq, -LIMITS.torque, LIMITS.torque)
 
     def motor_torques(self, q: ArrayLike, dq: ArrayLike) -> np.ndarray:
-        """What the motors make of it at measured positions [rad] and speeds [rad/s], (29,) [N m]; 0 where off."""
+        """Torques of the motors at measured positions [rad] and speeds [rad/s], (29,) [N m]; 0 where off."""
         torque = self.tau + self.kp * (self.q - np.asarray(q)) + self.kd * (self.dq - np.asarray(dq))
         return np.where(self.enabled, torque, 0.0)
 

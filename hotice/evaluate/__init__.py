@@ -1,4 +1,4 @@
-"""What counts: scored trials of policies and of the walking baseline, referees, seeds, statistics, reports."""
+"""Scored trials of policies and of the walking baseline, referees, seeds, statistics, reports."""
 
 from typing import TYPE_CHECKING
 

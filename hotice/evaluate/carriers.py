@@ -17,7 +17,7 @@ from hotice.learn.policy import Policy, load_policy
 from hotice.sim.physics.threads import one_thread
 
 Carrier = Policy | WalkConfig
-"""What trials are made with."""
+"""Whoever carries in a trial."""
 WALK_NEEDS = ("pinocchio", "proxsuite")
 
 

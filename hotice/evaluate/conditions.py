@@ -22,20 +22,20 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.env import TransportEnv
 from hotice.task.config import TaskConfig
 from hotice.task.contract import ROWS, STEP, UNITS
-from hotice.task.protocols import get_protocol
+from hotice.task.protocols import Protocol, get_protocol
 from hotice.task.rules import GOAL_M
 
 CPU = torch.device("cpu")
 KEPT = (*STEP, *UNITS, *ROWS, "swing_height_m")
-"""What a policy's own task decides; of the physics step and its number only the control period remains."""
+"""Fields that a policy's own task decides; of the physics step and its number only the control period remains."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
     """Physics, perturbation and time limit of trials. Raises `UnknownName` for a source that is none."""
 
-    protocol: str = "robot"
-    """Physics and perturbations, of `hotice.task.protocols`."""
+    protocol: str | Protocol = "robot"
+    """Physics and perturbations: a name in `hotice.task.protocols`, or a protocol of one's own."""
     perturbed: bool = True
     """Whether the perturbations act."""
     without: tuple[str, ...] = ()
@@ -53,7 +53,7 @@ class Conditions:
 
     @property
     def physics(self) -> str:
-        """What reports say of the physics."""
+        """Physics in words, as reports have it."""
         return get_protocol(self.protocol).physics
 
     def task(self, trained: dict[str, Any]) -> TaskConfig:

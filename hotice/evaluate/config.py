@@ -40,7 +40,7 @@ class EvaluateConfig:
     batch: int = 250
     """Trials that one process takes at a time: a policy's are simulated side by side."""
     threads: int = 0
-    """Processes, each on one core; 0: one for each core."""
+    """Processes, each on one core; 0: one for each core that this process may use."""
     protocol: Literal["robot", "paper"] = "robot"
     """`robot`: 2 ms physics with converged elliptic cones, palms 0.6 to 1.2, soles 0.5 to 1.2, torso's centre of mass ±
     10 cm; `paper`: 5 ms physics with pyramids, palms 2.0, soles 0.8 to 1.2, ± 5 cm, to compare with the paper's

@@ -20,6 +20,7 @@ from hotice.errors import SimulationError
 from hotice.evaluate.carriers import Carrier, load_carrier
 from hotice.evaluate.scorer import Scorer
 from hotice.evaluate.trials import Trials
+from hotice.machine import usable_cores
 
 POLL_S = 0.5
 Block = tuple[int, int]
@@ -33,7 +34,7 @@ def score_blocks(
     With one process, or one block, everything happens in this one; others load the policy anew. `on_total(n)` is
     told now and then how many trials have ended. Raises `SimulationError` when a process dies.
     """
-    count = min(len(blocks), processes or os.cpu_count() or 1)
+    count = min(len(blocks), processes or usable_cores())
     if count <= 1:
         yield from _score_here(scorer, carrier, blocks, on_total)
         return
@@ -71,7 +72,7 @@ def _score_here(
 
 
 class _Worker:
-    """What a process keeps between blocks."""
+    """State that a process keeps between blocks."""
 
     scorer: Scorer
     carrier: Carrier

@@ -23,7 +23,7 @@ from hotice.sim.snapshot import NUM_SGF, Snapshot
 
 @dataclass
 class _Frames:
-    """What is kept of every control step."""
+    """Arrays kept of every control step."""
 
     qpos: list[np.ndarray]
     points: list[np.ndarray]

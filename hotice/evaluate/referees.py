@@ -45,7 +45,7 @@ def check_referees(names: Sequence[str]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Signals:
-    """What was seen of N trials after each of T control steps, each (T, N); rows after a trial's end are not read.
+    """Observations of N trials after each of T control steps, each (T, N); rows after a trial's end are not read.
 
     fall, drop, unstable, robot_hit, object_hit: bool. robot_gap_m, object_gap_m: lowest signed distance of the points
     of the body and of the object, infinite where nobody looked. goal_m: root to goal, horizontally. self_depth_m: how
@@ -122,7 +122,7 @@ def deepest(signals: Signals, verdict: Verdict) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Afterwards:
-    """What N trials came to at the time limit, by the exact referee: see `afterwards`. Each (N,)."""
+    """State of N trials at the time limit, by the exact referee: see `afterwards`. Each (N,)."""
 
     distance_m: np.ndarray
     standing: np.ndarray
@@ -130,7 +130,7 @@ class Afterwards:
 
 
 def afterwards(signals: Signals, limit: int, stay: int) -> Afterwards:
-    """What came after the arrivals; `stay`: control steps in `STAY_S`.
+    """Course of the trials after the arrivals; `stay`: control steps in `STAY_S`.
 
     distance_m: root to goal at the time limit, of failures and of whoever falls or drops later where that happened.
     standing: arrived, and up to the limit upright, with the load in the hands and free of contact. stayed: arrived,

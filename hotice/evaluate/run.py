@@ -16,16 +16,17 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from hotice.console import PlainConsole
 from hotice.evaluate.carriers import Carrier, load_carrier
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.processes import Block, score_blocks
 from hotice.evaluate.report import make_report, print_report
 from hotice.evaluate.scorer import Scorer
 from hotice.evaluate.trials import Trials, TrialStore
-from hotice.files import check_writable, write_text
+from hotice.files import check_folder, check_writable, write_text
+from hotice.owner import check_unowned, sole_owner
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -33,10 +34,15 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     carrier = load_carrier(config)
     if config.out is not None:
         check_writable(config.out)
+        check_folder(_trials_of(config.out))
+        check_unowned(_trials_of(config.out))
     scorer = Scorer.of(config)
-    console = Console(stderr=True)
-    store = None if config.out is None else _open_store(config.out, scorer, carrier, console)
-    done = _score_all(scorer, carrier, store, console)
+    console = PlainConsole(stderr=True)
+    if config.out is None:
+        done = _score_all(scorer, carrier, None, console)
+    else:
+        with sole_owner(_trials_of(config.out)):
+            done = _score_all(scorer, carrier, _open_store(config.out, scorer, carrier, console), console)
     scores = [
         (scene.name, Trials.joined(done[block] for block in scorer.blocks() if block[0] == number))
         for number, scene in enumerate(scorer.scenes)
@@ -44,26 +50,29 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     report = make_report(carrier, config, scores)
     if config.out is not None:
         write_text(config.out, json.dumps(report, indent=1) + "\n")
-    print_report(report, Console(width=None if Console().is_terminal else 130))
+    print_report(report, PlainConsole(width=None if PlainConsole().is_terminal else 130))
     return report
 
 
-def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: Console) -> TrialStore:
-    """What was scored before, beside the report; says whether it is gone on with."""
+def _trials_of(out: Path) -> Path:
+    """Folder of what is done, beside the report."""
+    return Path(f"{out}.trials")
+
+
+def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: PlainConsole) -> TrialStore:
+    """Store of earlier trials beside the report; prints whether the evaluation goes on from them."""
     names = [scene.name for scene in scorer.scenes]
-    store = TrialStore(Path(f"{out}.trials"), scorer.settings(carrier), names)
+    store = TrialStore(_trials_of(out), scorer.settings(carrier), names)
     if store.changed:
-        console.print(
-            f"{store.folder} was made with another {', '.join(store.changed)}: starting anew", highlight=False
-        )
+        console.print(f"{store.folder} was made with another {', '.join(store.changed)}: starting anew")
     elif store.blocks:
-        console.print(
-            f"{len(store.blocks)} of {len(scorer.blocks())} blocks are in {store.folder}: going on", highlight=False
-        )
+        console.print(f"{len(store.blocks)} of {len(scorer.blocks())} blocks are in {store.folder}: going on")
     return store
 
 
-def _score_all(scorer: Scorer, carrier: Carrier, store: TrialStore | None, console: Console) -> dict[Block, Trials]:
+def _score_all(
+    scorer: Scorer, carrier: Carrier, store: TrialStore | None, console: PlainConsole
+) -> dict[Block, Trials]:
     """Trials of all blocks; scores and stores those that are not yet, under a bar of progress."""
     config, done = scorer.config, store.blocks if store is not None else {}
     before = sum(trials.rollouts for trials in done.values())

@@ -116,7 +116,7 @@ class Scorer:
             return score_block(carrier, *asked, first=first, judges=cfg.judges, on_trials=on_trials)
 
     def settings(self, carrier: Carrier) -> dict[str, Any]:
-        """What the trials depend on, JSON-ready: only trials of equal settings may be joined."""
+        """Settings that the trials depend on, JSON-ready: only trials of equal settings may be joined."""
         ignored = ("out", "threads", "policy", "scenes")
         config = {k: v for k, v in asdict(self.config).items() if k not in ignored}
         settings = {

@@ -91,7 +91,7 @@ class TrialLog:
         return Signals.stacked(self.steps)
 
     def trials(self) -> Trials:
-        """What the referees say of all of it, when no trial goes on."""
+        """Verdicts of the referees on all of it, when no trial goes on."""
         signals = self.signals
         verdict = referees.exact(signals, self.limit)
         at = (verdict.step - 1, np.arange(len(verdict.step)))

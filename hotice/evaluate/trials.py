@@ -9,8 +9,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from hotice.documents import read_json
 from hotice.errors import InputError
-from hotice.files import make_folder, read_bytes, write_text
+from hotice.files import make_folder, write_text
 
 CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan")
 PLURAL = {
@@ -76,12 +77,12 @@ class Trials:
 
     @property
     def successes(self) -> int:
-        """How many succeeded."""
+        """Number of successes."""
         return self.outcome.count("success")
 
     @property
     def outcomes(self) -> dict[str, int]:
-        """How many ended how."""
+        """Number of trials by outcome."""
         return dict(Counter(self.outcome))
 
     def rates(self) -> dict[str, Any]:
@@ -160,12 +161,12 @@ def read_trials(folder: Path) -> dict[str, Trials]:
 def _read_blocks(file: Path) -> tuple[str, dict[int, Trials]]:
     """Name of the scene and its trials by block. Raises `InputError`."""
     try:
-        content = json.loads(read_bytes(file, MAX_FILE_BYTES))
+        content = read_json(file, MAX_FILE_BYTES)
         blocks = {int(b): Trials(**{k: tuple(v) for k, v in values.items()}) for b, values in content["blocks"].items()}
         if not all(trials.rollouts for trials in blocks.values()):
             raise ValueError("a block without trials")
         return str(content.get("name", file.stem)), blocks
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, InputError):
         raise InputError(
             f"{file}: is no file of trials (changed or damaged): remove it to run its trials anew"
         ) from None
@@ -175,24 +176,24 @@ class TrialStore:
     """Folder of an evaluation that is not over: `settings.json` and one file a scene, each rewritten as blocks end.
 
     Trials that are there count only when they were made with the same settings; otherwise they are removed, so that
-    results of different policies, seeds or settings never mix.
+    results of different policies, seeds or settings never mix. Nothing is written or removed before the first new
+    block: an evaluation that is refused leaves all as it was.
     """
 
     def __init__(self, folder: Path, settings: dict[str, Any], scenes: list[str]) -> None:
-        self.folder, self.scenes = make_folder(folder), scenes
+        self.folder, self.scenes = folder, scenes
         self.blocks: dict[tuple[int, int], Trials] = {}
-        text = json.dumps(settings, indent=1, sort_keys=True) + "\n"
-        self.changed = self._differing(text)
-        if self.changed:
-            for file in self.folder.glob("scene-*.json"):
-                file.unlink()
-        else:
+        self._settings: str | None = json.dumps(settings, indent=1, sort_keys=True) + "\n"
+        self.changed = self._differing(self._settings)
+        if not self.changed:
             for index in range(len(scenes)):
                 self._load(index)
-        write_text(self.folder / "settings.json", text)
 
     def add(self, scene: int, block: int, trials: Trials) -> None:
         """Keeps a block of a scene. Raises `OutputError`."""
+        if self._settings is not None:
+            self._begin(self._settings)
+            self._settings = None
         self.blocks[scene, block] = trials
         done = sorted(b for s, b in self.blocks if s == scene)
         content = {
@@ -202,6 +203,14 @@ class TrialStore:
         }
         write_text(self._file(scene), json.dumps(content) + "\n")
 
+    def _begin(self, settings: str) -> None:
+        """Makes the folder one of these settings."""
+        make_folder(self.folder)
+        if self.changed:
+            for file in self.folder.glob("scene-*.json"):
+                file.unlink()
+        write_text(self.folder / "settings.json", settings)
+
     def _file(self, scene: int) -> Path:
         return self.folder / f"scene-{scene:03d}.json"
 
@@ -210,8 +219,8 @@ class TrialStore:
         if not (self.folder / "settings.json").exists():
             return []
         try:
-            old, new = json.loads(read_bytes(self.folder / "settings.json", MAX_FILE_BYTES)), json.loads(text)
-        except ValueError:
+            old, new = read_json(self.folder / "settings.json", MAX_FILE_BYTES), json.loads(text)
+        except InputError:
             return ["settings.json"]
         if not isinstance(old, dict):
             return ["settings.json"]

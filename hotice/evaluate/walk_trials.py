@@ -125,7 +125,7 @@ def _score(
 
 
 def _signals(run: Walk, state: CarryState, log: TrialLog) -> Signals:
-    """What was seen since the look before, (1,) each."""
+    """Observations since the look before, (1,) each."""
     data, failed = run.plant.data, run.failure()
     body = data.site_xpos[[run.plant.model.site(name).id for name in POINTS[:BODY_POINTS]]]
     load = data.body(builder.OBJECT_BODY)

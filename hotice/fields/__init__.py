@@ -1,4 +1,4 @@
-"""What guides: signed and geodesic distance, SGF, OGF and their sampling. A name is imported when it is used."""
+"""Guidance fields: signed and geodesic distance, SGF, OGF and their sampling. A name is imported when it is used."""
 
 from typing import TYPE_CHECKING
 

@@ -35,7 +35,7 @@ def encode(force: Any, scale: float = ENCODE_SCALE, eps: float = 1e-6) -> Any:
 
 
 def observed(force_Y: Any, distance_m: Any) -> Any:
-    """What a policy reads of a field at points: `encode` and the clipped distance, (..., 3), (...) -> (..., 5)."""
+    """Rows that a policy reads of a field at points: `encode` and the clipped distance, (..., 3), (...) -> (..., 5)."""
     away = DISTANCE_SCALE * clip(distance_m, *CLIP_M)[..., None]
     return namespace(force_Y).concat([encode(force_Y), away], -1)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -22,6 +21,7 @@ from hotice.fields.hod_pf import check_margin
 from hotice.fields.potential import FieldParams
 from hotice.fields.reachability import check_reachable, joins_start
 from hotice.fields.volumes import SceneNodes, Volumes, solve_scene, stack
+from hotice.machine import usable_cores
 from hotice.model.scene import Scene
 
 FIELDS = ("sgf", "ogf")
@@ -74,7 +74,7 @@ class FieldBank:
         workers: int | None = None,
         cache: Path | None = None,
     ) -> FieldBank:
-        """Solves every scene, `workers` at a time (default: one a core), with a progress bar when asked.
+        """Solves every scene, `workers` at a time (default: one for each usable core), with a progress bar when asked.
 
         With `cache`, a folder (see `hotice.fields.cache.default_folder`), solved scenes are kept there, those found
         there are not solved again, and the bank is mapped from there into memory.
@@ -103,7 +103,7 @@ class FieldBank:
             cached.save(cache, keys[index], nodes)
             return None
 
-        pool = ThreadPoolExecutor(workers or os.cpu_count() or 1)
+        pool = ThreadPoolExecutor(workers or usable_cores())
         try:
             work = pool.map(solve, range(len(scenes)))
             nodes = list(track(work, "fields", len(scenes), disable=not progress))

@@ -125,7 +125,7 @@ _Box = tuple[tuple[float, ...], tuple[int, ...], float]
 
 
 def _shared_box(a: Scene, b: Scene, finer_m: float, resolution_m: float | None) -> _Box:
-    """What both scenes' bounds share, in cells of `resolution_m` or else `finer_m`."""
+    """Overlap of both scenes' bounds, in cells of `resolution_m` or else `finer_m`."""
     h = finer_m if resolution_m is None else resolution_m
     checks.number("resolution_m", h, Range(least=0.01, most=1, unit="m", note="to compare scenes"))
     (a_low, a_high), (b_low, b_high) = np.array(a.bounds_m), np.array(b.bounds_m)

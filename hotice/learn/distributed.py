@@ -43,6 +43,11 @@ def start(device: str) -> str:
     return device
 
 
+def leads() -> bool:
+    """Whether this process is, or will be once it joins the others, the first rank."""
+    return int(os.environ.get("RANK", "0")) == 0
+
+
 def rank() -> int:
     """Number of this process, from 0."""
     return dist.get_rank() if _several() else 0

@@ -1,4 +1,4 @@
-"""What exists: the robot, carried objects and scenes. Importing this package costs nothing."""
+"""The things that exist: robot, carried objects and scenes. Importing this package costs nothing."""
 
 from typing import TYPE_CHECKING
 

@@ -45,7 +45,7 @@ OBSTACLE_BODY = "obstacles"
 HIT_SENSORS = ("robot_hits", "object_hits")
 SELF_SENSOR = "self_contact"
 ANY_CONTACT, DEEPEST_CONTACT = 0, 1
-"""Which of several contacts a sensor reads: MuJoCo's `reduce` "none" and "mindist"."""
+"""Choice of the contact that a sensor reads: MuJoCo's `reduce` "none" and "mindist"."""
 OBSTACLE_PREFIX = "obstacle/"
 MESH_SKIN_M = 0.001
 POINT_M = 1e-5

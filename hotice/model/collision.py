@@ -215,7 +215,7 @@ class CollisionChecker:
         return [(o, index) for o, index in rows if len(index)]
 
     def _inside(self, obstacle: Obstacle, rows: Rows) -> NDArray[np.bool_]:
-        """Which rows' A, not crossing the mesh's surface, lies behind it."""
+        """Mask of the rows whose A, not crossing the mesh's surface, lies behind it."""
         p_WA = np.array([_ON_A(self._results[row]) for row in rows])
         apart = np.array([_DISTANCE(self._results[row]) for row in rows]) > 0
         p_B = (p_WA - obstacle.position_m) @ quat_to_mat(obstacle.quaternion_wxyz)

@@ -104,13 +104,13 @@ docs/contacts.md."""
 
 
 def student_dynamics(physics_dt_s: float) -> DynamicsConfig:
-    """What students are trained under in physics steps of `physics_dt_s` [s]."""
+    """Dynamics that students are trained under in physics steps of `physics_dt_s` [s]."""
     step = min((s for s in TRAINING_PALMS if s >= physics_dt_s - 1e-9), default=max(TRAINING_PALMS))
     return replace(ROBOT_DYNAMICS, palm_friction=TRAINING_PALMS[step])
 
 
 STUDENT_DYNAMICS = student_dynamics(0.005)
-"""What students are trained under in the default physics step."""
+"""Dynamics that students are trained under in the default physics step."""
 
 LEAST_PUSH = 0.1
 """Least push, as a share of the largest (CAT: 0.1 of 1.0 m/s)."""
@@ -166,7 +166,7 @@ def friction_groups(model: mujoco.MjModel) -> list[tuple[str, list[int]]]:
 
 
 def joint_offset(model: mujoco.MjModel) -> np.ndarray:
-    """How much more than the truth the encoder of each actuated joint reads, (nu,) [rad]; the servo believes it too."""
+    """Excess of each actuated joint's encoder over the truth, (nu,) [rad]; the servo believes it too."""
     return -model.actuator_biasprm[:, 0] / model.actuator_gainprm[:, 0]
 
 

@@ -67,7 +67,7 @@ class Kinematics:
         self.object_joint = self.model.getJointId(builder.OBJECT_BODY) if carries else 0
 
     def columns(self, joints: int) -> NDArray[np.int64]:
-        """Which parts of v the robot with 20 or 29 joints has, object included. Raises `InvalidState`."""
+        """Indices of the parts of v that the robot with 20 or 29 joints has, object included. Raises `InvalidState`."""
         base, held = np.arange(BASE_NV), np.arange(BASE_NV + 29, self.model.nv)
         return np.concatenate([base, BASE_NV + joint_index(joints), held])
 

@@ -23,7 +23,7 @@ OCTANTS: NDArray[np.float64] = np.array(list(itertools.product((-1.0, 1.0), repe
 
 
 class _Carried:
-    """What the three shapes share. `keypoints_world_aligned`: keypoints keep world directions when the object turns."""
+    """Base of the three shapes. `keypoints_world_aligned`: keypoints keep world directions when the object turns."""
 
     shape: ClassVar[ShapeName]
     keypoints_world_aligned: ClassVar[bool] = False

@@ -36,7 +36,7 @@ def _zeros(size: int) -> Any:
 
 
 def joint_index(joints: int) -> NDArray[np.int64]:
-    """Which of the 29 joints the robot with 20 or 29 moves, (joints,). Raises `InvalidState`."""
+    """Indices of the 29 joints that a robot with 20 or 29 moves, (joints,). Raises `InvalidState`."""
     if joints not in _JOINTS:
         raise InvalidState(f"robot with {joints!r} joints: allowed are 20 (waist and wrists locked) and 29 (all)")
     return _JOINTS[joints]

@@ -8,8 +8,7 @@ map the scene was cut from, and where that map lies in W; files without it stay 
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -19,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hotice import checks
 from hotice.checks import shown
-from hotice.errors import InputError, InvalidScene, OutputError
-from hotice.files import read_bytes, write_bytes
+from hotice.documents import read_json
+from hotice.errors import InvalidScene, OutputError
+from hotice.files import check_folder, make_folder, output_file, write_bytes
 from hotice.model.frames import quat_to_mat
 from hotice.model.geometry.lengths import COORDINATE
 from hotice.model.geometry.shapes import MeshShape, Shape, shape_from_dict
@@ -171,10 +171,9 @@ class Scene:
     def load(cls, path: str | Path) -> Scene:
         """Reads a scene file. Raises `InvalidScene` naming the file and what is wrong with it."""
         path = Path(path)
+        data = read_json(path, MAX_FILE_BYTES, InvalidScene, finite=True)
         try:
-            return cls.from_dict(_read_json(path), folder=path.parent)
-        except InputError as error:
-            raise InvalidScene(str(error)) from None
+            return cls.from_dict(data, folder=path.parent)
         except InvalidScene as error:
             raise InvalidScene(f"{path}: {error}") from None
 
@@ -203,6 +202,22 @@ class Scene:
     def renamed(self, name: str) -> Scene:
         """The same scene under another name."""
         return replace(self, name=name)
+
+
+def save_all(scenes: Sequence[Scene], folder: Path) -> None:
+    """Writes scenes as files `NAME.json` of a folder, which is made where it is missing; no scenes make none.
+
+    Raises `OutputError` before the first is written where one of the files cannot be.
+    """
+    if not scenes:
+        return
+    check_folder(folder)
+    files = [folder / f"{scene.name}.json" for scene in scenes]
+    for file in files:
+        output_file(file)
+    make_folder(folder)
+    for scene, file in zip(scenes, files, strict=True):
+        scene.save(file)
 
 
 def _check_name(kind: str, name: object) -> None:
@@ -263,25 +278,6 @@ def _obstacle_from_dict(index: int, entry: Any, folder: Path | None) -> Obstacle
     return Obstacle(entry["name"], entry["category"], shape, entry["position_m"], quat)
 
 
-def _read_json(path: Path) -> Any:
-    def constant(word: str) -> float:
-        raise InvalidScene(f"holds {word}: numbers must be finite")
-
-    def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
-        mapping = dict(items)
-        if len(mapping) < len(items):
-            twice = Counter(key for key, _ in items).most_common(1)[0][0]
-            raise InvalidScene(f"key {shown(twice)} occurs twice in one mapping")
-        return mapping
-
-    try:
-        return json.loads(read_bytes(path, MAX_FILE_BYTES).decode(), parse_constant=constant, object_pairs_hook=pairs)
-    except RecursionError:
-        raise InvalidScene("is not a scene: its JSON is nested too deeply") from None
-    except ValueError as error:
-        raise InvalidScene(f"is not JSON: {error}") from None
-
-
 def _copy_mesh(shape: MeshShape, folder: Path) -> list[Path]:
     """Copies a mesh file beside a scene file; the file if it is new."""
     target = folder / shape.file
@@ -290,7 +286,7 @@ def _copy_mesh(shape: MeshShape, folder: Path) -> list[Path]:
     content = shape.path.read_bytes()
     if not target.resolve().is_relative_to(folder.resolve()):
         raise InvalidScene(f"mesh file {shape.file!r} would be written outside {folder}")
-    if target.exists():
+    if output_file(target).exists():
         if target.read_bytes() != content:
             raise InvalidScene(f"{target} exists and is another mesh: save the scene to another folder")
         return []

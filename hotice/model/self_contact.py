@@ -44,7 +44,7 @@ def add_self_contact(spec: mujoco.MjSpec) -> None:
 
 
 def depth(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[tuple[str, str]] | None = None) -> float:
-    """How deep the deepest of `names` (default: all pairs) intrude into each other [m]; 0 where none do."""
+    """Largest depth to which `names` (default: all pairs) intrude into each other [m]; 0 where none do."""
     fromto = np.empty(6)
     gaps = [
         mujoco.mj_geomDistance(model, data, model.geom(one).id, model.geom(other).id, 0.05, fromto)

@@ -29,7 +29,7 @@ _STEERED = [g1.SGF_KEYPOINTS.index(name) for name in g1.STEERED_KEYPOINTS]
 
 
 class FieldReading(NamedVector):
-    """What guides at one instant, all in W.
+    """Guidance at one instant, all in W.
 
     Attributes:
         force_W: (19, 3) field vectors at nine keypoints, two hands, eight object keypoints [m/s].
@@ -61,24 +61,27 @@ class FieldReading(NamedVector):
 
 def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
     """Fields at the keypoints of a percept, and the command that they make."""
-    points = percept.p_WK.astype(np.float32)  # the environment samples in single precision
+    # the environment samples in single precision
+    points = percept.p_WK.astype(np.float32)
+    around = points[:NUM_SGF]
+    if task.scan:
+        looked_at = scan_points(percept.p_WK[_FEET], percept.p_WP, percept.yaw[0])
+        # one query for both costs less than two
+        around = np.concatenate([around, looked_at.astype(np.float32)])
     carried = np.concatenate([points[NUM_SGF:], percept.p_WOK.astype(np.float32)])
-    sgf, sgf_distance, _ = pf.sgf.query(points[:NUM_SGF])
+    sgf, sgf_distance, _ = pf.sgf.query(around)
     ogf, ogf_distance, _ = (pf.ogf if task.object_field == "ogf" else pf.sgf).query(carried)
     offset_W = pf.scene.goal_W[:2] - percept.p_WP[:2]
     c_W, speed = navigation_command(
         sgf[_STEERED].astype(np.float64), offset_W, pf.params.attraction, task.speed_m_s, task.stop_gain_hz
     )
     reading = FieldReading(np.empty(FieldReading.SIZE))
-    reading.force_W[:NUM_SGF], reading.force_W[NUM_SGF:] = sgf, ogf
-    reading.distance[:NUM_SGF], reading.distance[NUM_SGF:] = sgf_distance, ogf_distance
+    reading.force_W[:NUM_SGF], reading.force_W[NUM_SGF:] = sgf[:NUM_SGF], ogf
+    reading.distance[:NUM_SGF], reading.distance[NUM_SGF:] = sgf_distance[:NUM_SGF], ogf_distance
     reading.c_W[:], reading.speed[0] = c_W, speed
     reading.heading_error[0] = heading_error(c_W, speed, float(percept.yaw[0]), task.speed_m_s)
     reading.goal_distance[0] = math.hypot(*offset_W.tolist())
-    reading.scan[:] = 0.0
-    if task.scan:
-        looked_at = scan_points(percept.p_WK[_FEET], percept.p_WP, percept.yaw[0])
-        reading.scan[:] = pf.sgf.query(looked_at.astype(np.float32))[1]
+    reading.scan[:] = sgf_distance[NUM_SGF:] if task.scan else 0.0
     return reading
 
 

@@ -56,7 +56,7 @@ def remember(past: Array, observation: NDArray[np.float32]) -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Carrying:
-    """What is carried and how: joint_pos (20,) of the carry state [rad], half_extents (3,) of the object [m]."""
+    """Carried object and grasp: joint_pos (20,) of the carry state [rad], half_extents (3,) of the object [m]."""
 
     joint_pos: Array
     half_extents: Array

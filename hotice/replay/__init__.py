@@ -1,4 +1,4 @@
-"""What a rollout looked like: a record, a self-contained web page, and pictures."""
+"""Records of rollouts, as arrays, a self-contained web page, and pictures."""
 
 from typing import TYPE_CHECKING
 

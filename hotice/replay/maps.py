@@ -16,7 +16,7 @@ from hotice.replay.solids import obstacle_geom, obstacle_triangles, outline, pla
 from hotice.task.rules import GOAL_M
 
 _ALPHA = {"ground": 0.85, "side": 0.75, "overhead": 0.35}
-"""What hangs overhead lets see what is below."""
+"""Opacity of obstacles by category: below one that hangs overhead the floor is seen."""
 
 
 def draw_map(axes: Axes, scene: Scene, path_W: NDArray[np.float64] | None = None) -> None:

@@ -18,7 +18,7 @@ SIZE_PX = (720, 784)
 """Width and height, multiples of 16 as video codecs like it."""
 AZIMUTH_RAD, ELEVATION_RAD = np.radians(-55.0), np.radians(12.0)
 STILL_S = 1.0
-"""How long the last frame is shown."""
+"""Time that the last frame is shown [s]."""
 
 
 def write_video(record: RolloutRecord, path: str | Path, on_frame: Callable[[int, int], None] | None = None) -> Path:

@@ -1,4 +1,4 @@
-"""What happens: physics backends, the transport task and its tables."""
+"""The simulation: physics backends, the transport task and its tables."""
 
 from typing import TYPE_CHECKING
 

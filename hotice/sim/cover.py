@@ -21,7 +21,7 @@ from hotice.model import g1
 from hotice.model.frames import quat_to_mat
 
 DENT_M = 0.008
-"""How deep a sharp edge can enter between two neighbouring spheres."""
+"""Depth to which a sharp edge can enter between two neighbouring spheres [m]."""
 EDGE_DEPTH_M = 0.0175
 """Depth below both faces of the spheres along an edge of robot and object; thin boxes have none."""
 EDGE_RADIUS_M = float(np.sqrt(2.0)) * EDGE_DEPTH_M

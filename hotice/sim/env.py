@@ -14,7 +14,6 @@ from torch import Tensor
 
 from hotice import checks
 from hotice.fields.bank import FieldBank
-from hotice.model import g1
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim.carry_bank import CarryBank
@@ -80,7 +79,7 @@ class TransportEnv:
         physics: backend, "mujoco" or "warp".
         seed: of every random draw.
         config: numbers of the task.
-        threads: of the physics (0: all cores).
+        threads: of the physics (0: all usable cores).
 
     Raises:
         HoticeError: unknown preset or backend, no scenes, objects that cannot be held.
@@ -158,9 +157,7 @@ class TransportEnv:
             self.policy_table.columns(KNOWN_ROWS).to(self.device),
             self.layout.chains,
         )
-        scale = torch.full((g1.ACTIONS,), cfg.leg_scale_rad, device=self.device)
-        scale[g1.UPPER] = cfg.arm_scale_rad
-        self.action_scale = scale
+        self.action_scale = torch.tensor(cfg.action_scale, dtype=torch.float32, device=self.device)
         self.unstable = 0
         """Episodes that ended so; among them:"""
         self.invalid_actions = 0
@@ -294,7 +291,7 @@ class TransportEnv:
         self.held = target.float()
 
     def _observe(self, s: Snapshot, ids: Tensor) -> Tensor:
-        """What the actors of environments `ids` read of their snapshot."""
+        """Rows that the actors of environments `ids` read of their snapshot."""
         if self.exact:
             self.read[ids] = self.policy_table(s)
             return self.read[ids]
@@ -304,7 +301,7 @@ class TransportEnv:
         return self.read[ids]
 
     def _privileged(self, s: Snapshot, ids: Tensor) -> Tensor:
-        """What critics, and teachers in their first columns, read of a snapshot of environments `ids`: the truth."""
+        """Rows that critics, and teachers in their first columns, read of environments `ids`: the truth."""
         rows = self.critic_table(replace(s, past=self.memory.true_past[ids]))
         self.truth[ids] = rows[:, : self.policy_table.size]
         return rows

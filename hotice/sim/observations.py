@@ -125,7 +125,7 @@ _FRAME = chain(PSEUDO, VECTOR, _JOINTS, _JOINTS, _JOINTS)
 
 
 def past_rows(steps: int) -> Observation:
-    """What was read in the last `steps` control steps, the newest first; zero before the episode began."""
+    """Readings of the last `steps` control steps, the newest first; zero before the episode began."""
     return Observation(
         "history",
         lambda s: s.past,
@@ -135,7 +135,7 @@ def past_rows(steps: int) -> Observation:
 
 
 def policy_rows(scan: bool, history_steps: int = 0) -> tuple[Observation, ...]:
-    """What the actors read: `POLICY`, and the local obstacle scan and the past where the task has them."""
+    """Rows that the actors read: `POLICY`, and the local obstacle scan and the past where the task has them."""
     rows = (*POLICY, SCAN) if scan else POLICY
     return (*rows, past_rows(history_steps)) if history_steps else rows
 

@@ -94,7 +94,7 @@ class Sensors:
         self.velocity[ids] = 0.0
 
     def delay(self, observation: Tensor, ids: Tensor) -> Tensor:
-        """What the actors of environments `ids` read of their newest observation (n, O)."""
+        """Rows that the actors of environments `ids` read of their newest observation (n, O)."""
         # The first measurement of an episode is never late: there is none before it.
         late = reads_late(self.late[ids], self.age[ids])[:, None] & ~self.never_late
         read = torch.where(late, self.seen[ids], observation)
@@ -191,7 +191,7 @@ class Sensors:
         return torch.where(first, seen, moved)
 
     def _due(self, ids: Tensor) -> Tensor:
-        """Which of environments `ids` see their root now, (n, 1) bool."""
+        """Mask of the environments `ids` that see their root now, (n, 1) bool."""
         return (self.age[ids] % self.hold_steps == 0)[:, None]
 
     def _filtered(self, s: Snapshot, ids: Tensor, p_PO: Tensor, R_WO: Tensor) -> tuple[Tensor, Tensor]:

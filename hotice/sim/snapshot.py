@@ -70,7 +70,7 @@ class Memory:
 
 @dataclass(frozen=True, kw_only=True)
 class Grasp:
-    """What each environment carries and how, rows of the carry bank: see `hotice.sim.carry_bank.CarryBank`."""
+    """Object and grasp of each environment, rows of the carry bank: see `hotice.sim.carry_bank.CarryBank`."""
 
     joint_pos: Tensor  # (N, 20)
     half_extents: Tensor  # (N, 3)

@@ -72,7 +72,7 @@ def object_lift(s: Snapshot) -> Tensor:
 
 
 def clearance(s: Snapshot) -> Tensor:
-    """How far robot and object intrude into the last 5 cm before an obstacle, and into it: 0 to 2 each."""
+    """Intrusion of robot and object into the last 5 cm before an obstacle, and into it: 0 to 2 each."""
     return _intrusion(s.clearance) + _intrusion(s.object_clearance)
 
 
@@ -172,7 +172,7 @@ def foot_slip(s: Snapshot) -> Tensor:
 
 
 def foot_spread(s: Snapshot) -> Tensor:
-    """How much closer than 18 cm (or wider than 34 cm) the feet are, sideways [dm]²."""
+    """Square of how much closer than 18 cm or wider than 34 cm the feet are, sideways [dm²]."""
     across = s.to_yaw_frame(s.p_WK[:, FEET[0]] - s.p_WK[:, FEET[1]])[:, 1]
     return ((torch.clamp(0.18 - across, min=0.0) + torch.clamp(across - 0.34, min=0.0)) * 10.0).square().clamp_max(4.0)
 

@@ -41,7 +41,7 @@ TORQUE, PHASE, FAULTS, STATE = range(4)
 def measurement_of(
     time_s: float, state: Array, contact_force: Array, origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> Measurement:
-    """What a controller reads.
+    """Measurement that a controller reads.
 
     Args:
         time_s: now. state: (84,) robot state; contact_force: (12,), see `signals`.

@@ -1,4 +1,4 @@
-"""What goes with a policy: the numbers of the task that give its observations and actions their meaning.
+"""The contract of a policy: numbers of the task that give its observations and actions their meaning.
 
 `TaskConfig` has them beside all else, `PolicyTask` from a policy's file; teachers, evaluations and merges ask for
 `UNITS`, `STEP` and `ROWS`, which are their names.
@@ -8,9 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hotice import checks
 from hotice.checks import Range
 from hotice.fields.defaults import MARGIN_M, RESOLUTION_M, SPEED_M_S, STOP_GAIN_HZ
+from hotice.model import g1
 from hotice.task.history import LENGTHS
 
 MOST = 1_000_000
@@ -72,10 +76,17 @@ class Contract:
         """Time between actions."""
         return self.physics_dt_s * self.substeps
 
+    @property
+    def action_scale(self) -> NDArray[np.float64]:
+        """Change of each joint target per unit action, (20,) [rad]."""
+        scale = np.full(g1.ACTIONS, self.leg_scale_rad)
+        scale[g1.UPPER] = self.arm_scale_rad
+        return scale
+
 
 STEP = ("physics_dt_s", "substeps")
 """Of these only the product, the control period, must stay: training and evaluation have physics of their own."""
 ROWS = ("scan", "history")
 """These decide which rows there are to read: a policy may read fewer than its student does."""
 UNITS = tuple(f.name for f in fields(Contract) if f.name not in (*STEP, *ROWS))
-"""What these say is never free: teacher and student, a policy and its scores, parts of a merge must share them."""
+"""Fields that are never free: teacher and student, a policy and its scores, parts of a merge must share them."""

@@ -63,8 +63,10 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
 )
 
 
-def get_protocol(name: str) -> Protocol:
-    """The named protocol. Raises `UnknownName`."""
+def get_protocol(name: str | Protocol) -> Protocol:
+    """The named protocol; one that is given is returned as it is. Raises `UnknownName`."""
+    if isinstance(name, Protocol):
+        return name
     if not isinstance(name, str) or name not in PROTOCOLS:
         raise UnknownName("protocol", name, PROTOCOLS)
     return PROTOCOLS[name]

@@ -46,7 +46,8 @@ def scan_points(feet_W: Any, p_WP: Any, yaw: Any) -> Any:
     xp = namespace(p_WP)
     offsets = OFFSETS_M if xp is np else xp.as_tensor(OFFSETS_M, dtype=p_WP.dtype, device=p_WP.device)
     origins = xp.concat([feet_W[..., :2], p_WP[..., None, :2]], -2)
-    heading = xp.stack([xp.cos(yaw), xp.sin(yaw)], -1)
+    # of one robot `stack` costs NumPy four times as much
+    heading = xp.concat([xp.cos(yaw)[..., None], xp.sin(yaw)[..., None]], -1)
     across = origins[..., ORIGIN, :] + heading[..., None, :] * offsets[:, :1]
     return xp.concat([across, offsets[:, 1:] + xp.zeros_like(across[..., :1])], -1)
 

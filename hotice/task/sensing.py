@@ -102,7 +102,7 @@ Chosen on recorded walks of 64 robots through bench20: 1.5 cm and 0.017 rad off 
 0.046 rad."""
 
 TRACK_TILT = 0.1
-"""How much of its difference from what is measured the direction of gravity takes over at each step; in between it is
+"""Share of its difference from the measured one that the direction of gravity takes over at each step; in between it is
 turned by the gyro (complementary filter). On walks through bench20: 0.7 degrees off (root mean square); a reading
 alone: 2.3 degrees."""
 
@@ -121,4 +121,4 @@ STUDENT_SENSING = SensingConfig(
     action_delay_s=0.02,
     sensor_delay_steps=1,
 )
-"""What students are trained and evaluated under."""
+"""Sensing that students are trained and evaluated under."""

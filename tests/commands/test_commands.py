@@ -74,7 +74,7 @@ def test_export_and_evaluate_as_a_program(run, tmp_path):
 
     def hotice(*argv):
         return subprocess.run(
-            [sys.executable, "-m", "hotice.learn", *map(str, argv)],
+            [sys.executable, "-m", "hotice", *map(str, argv)],
             capture_output=True,
             text=True,
             env=environment,

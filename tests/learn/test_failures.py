@@ -191,8 +191,8 @@ def test_finished_blocks_outlive_a_full_disk(onnx_file, near, tmp_path, capfd, m
 
 def test_places_that_may_only_be_read(run, onnx_file, near, disk, tiny_options, tmp_path, capfd):
     folder = disk("size=4k,ro")
-    assert "Read-only" in refused(capfd, "train", "--out", folder / "run", *tiny_options, *FEW, "--updates", 1)
-    assert "Read-only" in refused(
+    assert "read-only" in refused(capfd, "train", "--out", folder / "run", *tiny_options, *FEW, "--updates", 1)
+    assert "read-only" in refused(
         capfd, "distill", "--out", folder / "run", *tiny_options, *FEW, "--updates", 1, "--generalist", run
     )
     refused(capfd, "evaluate", "--policy", onnx_file, "--scenes", near, "--rollouts", 1, "--out", folder / "r.json")
@@ -200,7 +200,7 @@ def test_places_that_may_only_be_read(run, onnx_file, near, disk, tiny_options, 
     path = tmp_path / "pipeline.yaml"
     jobs = {"policy": {"command": "export", "options": {"policy": str(run)}}}
     path.write_text(yaml.safe_dump({"format": "hotice-pipeline/1", "out": str(folder / "out"), "jobs": jobs}))
-    assert "Read-only" in refused(capfd, "pipeline", path)
+    assert "read-only" in refused(capfd, "pipeline", path)
     assert list(folder.iterdir()) == []
 
 
@@ -208,7 +208,7 @@ def test_a_run_whose_folder_became_read_only(begun, tiny_options, disk, capfd):
     folder = disk("size=4m")
     argv = begun("train", folder / "run", tiny_options)
     assert not subprocess.run(["mount", "-o", "remount,ro", folder]).returncode
-    assert "Read-only" in refused(capfd, *argv)
+    assert "read-only" in refused(capfd, *argv)
     assert load_checkpoint(folder / "run")[1]["update"] == 1
 
 
@@ -256,7 +256,7 @@ def test_a_lock_that_cannot_be_written_leaves_no_process(sleeper):
 def test_a_job_whose_files_cannot_be_opened_does_not_begin(sleeper, name):
     job, started = sleeper
     (job.folder / name).mkdir(parents=True)
-    with pytest.raises(OutputError, match="Is a directory"):
+    with pytest.raises(OutputError, match="is a folder, the name of a file is needed"):
         JobProcess(job)
     assert started == []
 

@@ -7,7 +7,6 @@ gets another folder; nothing is overwritten, and what is marked as done was done
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import io
 import json
 import os
@@ -23,7 +22,8 @@ import tyro
 
 from hotice.commands.configs import OPTIONS, Flat, field_names
 from hotice.errors import HoticeError, InvalidConfig, OutputError, UnknownName
-from hotice.files import make_folder, write_text
+from hotice.files import make_folder, output_file, write_text
+from hotice.owner import try_lock
 
 FORMAT = "hotice-job/1"
 RESULT, LOG, LOCK = "result.json", "log.txt", "lock"
@@ -55,7 +55,7 @@ class Job:
 
     @property
     def output(self) -> Path:
-        """What other jobs read."""
+        """File or folder that other jobs read."""
         return self.folder / OUTPUTS[self.command]
 
     @property
@@ -116,10 +116,11 @@ class JobProcess:
 
     def _begin(self) -> None:
         try:
-            with open(self.job.folder / LOCK, "a") as lock, open(self.job.folder / LOG, "ab") as log:
-                try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
+            with (
+                open(output_file(self.job.folder / LOCK), "a") as lock,
+                open(output_file(self.job.folder / LOG), "ab") as log,
+            ):
+                if not try_lock(lock):
                     return
                 self.process = subprocess.Popen(
                     [sys.executable, "-m", "hotice.learn", self.job.command, *self.job.argv],

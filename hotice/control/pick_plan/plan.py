@@ -16,13 +16,13 @@ Array = NDArray[np.float64]
 SUPPORT_TOP_M = (0.40, 0.85)
 NEAR_M = (0.15, 0.60)
 BEYOND_RAD = 0.1
-"""How far joints may be beyond their ranges: what the robot is measured to begin with; the solvers stay within."""
+"""Distance that joints may be beyond their ranges [rad]: at the start, as measured; the solvers stay within."""
 PATHS = ("to_crouch", "to_pregrasp", "to_grasp", "retreat")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Support:
-    """What the object stands on: height of its top [m] and distance of its near edge ahead of the feet's middle [m]."""
+    """Support of the object: height of its top [m], distance of its near edge ahead of the feet's middle [m]."""
 
     top_m: float
     near_m: float
@@ -41,7 +41,7 @@ class Support:
 
 @dataclass(frozen=True, kw_only=True)
 class Durations:
-    """How long the parts of a plan take [s], ours."""
+    """Durations of a plan's parts [s], ours."""
 
     crouch_s: float = 2.0
     reach_s: float = 1.5
@@ -130,7 +130,7 @@ class PickPlan:
 
 
 def beyond_range(q: Array) -> Array:
-    """How far joints are beyond their ranges in configurations (..., 27), (..., 20) [rad]; negative within."""
+    """Distance of joints beyond their ranges in configurations (..., 27), (..., 20) [rad]; negative within."""
     low, high = position_limits(g1.ACTION_JOINTS)
     joints = q[..., g1.JOINT_POS]
     return np.maximum(low - joints, joints - high)

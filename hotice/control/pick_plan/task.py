@@ -60,7 +60,7 @@ class Frames:
 
 @dataclass(frozen=True, kw_only=True)
 class PickTask:
-    """What one plan is asked for.
+    """Demands on one plan.
 
     Attributes:
         q_start: (27,) standing. feet: their poses then. pose: the object before, upright; yaw: its turn [rad].

@@ -31,7 +31,7 @@ FARTHEST_M = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Departure:
-    """How far to step back [m] and to turn, left positive [rad]. Raises `InvalidConfig`."""
+    """Distance to step back [m] and angle to turn, left positive [rad]. Raises `InvalidConfig`."""
 
     back_m: float = 0.0
     turn_rad: float = 0.0

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(kw_only=True)
 class PickupMemory:
-    """What lasts from step to step.
+    """State that lasts from step to step.
 
     Attributes:
         stance: the frame G of all that follows, None before the first finite measurement. start: (27,) the robot at the
@@ -56,7 +56,7 @@ class PickupMemory:
 
 @dataclass
 class Motion:
-    """What the reference of one step does beside being at a configuration, in G.
+    """Motion of one step's reference beside its configuration, in G.
 
     Attributes:
         rate: (26,) velocity of the reference. com_acc: (3,) of the centre of mass.

@@ -192,7 +192,7 @@ def _swing_table() -> tuple[Array, Array]:
 
 
 def free_slack(ground: Ground, xy: Array, yaw: float, side: float) -> tuple[float, float, float]:
-    """How far a foothold may move before its sole touches something, at most `MAX_SLACK_M` [m].
+    """Distance that a foothold may move before its sole touches something, at most `MAX_SLACK_M` [m].
 
     Back, ahead, and away from the other foot: to the left where `side` is +1, else to the right.
     """

@@ -13,7 +13,7 @@ HIP_ASIDE_M, HIP_BELOW_M = 0.117, 0.133
 THIGH_M, SHANK_M, ANKLE_HEIGHT_M = 0.307, 0.300, 0.018
 """Lengths of the leg, and the ankle's pitch axis over the origin of the foot."""
 ANKLE_BEND_RAD = 0.78
-"""How far a lifted foot may be bent up; the joint ends at 0.873."""
+"""Largest upward bend of a lifted foot [rad]; the joint ends at 0.873."""
 MOST_DOWN_RAD = 0.8
 
 

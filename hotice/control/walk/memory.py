@@ -20,7 +20,7 @@ SHIFT, SWING, DOUBLE, STAND = "shift", "swing", "double", "stand"
 
 @dataclass(kw_only=True)
 class WalkMemory:
-    """What lasts from step to step.
+    """State that lasts from step to step.
 
     Attributes:
         phase: of `SHIFT`, `SWING`, `DOUBLE`, `STAND`; since_s: when it began; step: index of the next footstep to land.

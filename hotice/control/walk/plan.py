@@ -16,7 +16,7 @@ from hotice.model.carry import CarryState
 
 @dataclass(frozen=True, eq=False)
 class WalkPlan:
-    """What the controller follows.
+    """Plan that the controller follows.
 
     Attributes:
         path: of the middle between the ankles. footsteps: in order. profile: pelvis height and lean along the path.

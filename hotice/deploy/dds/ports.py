@@ -32,7 +32,7 @@ class Writer:
 
     @property
     def readers(self) -> int:
-        """How many readers are known to listen."""
+        """Number of readers known to listen."""
         return self._writer.get_publication_matched_status().current_count
 
     def close(self) -> None:
@@ -56,7 +56,7 @@ class Reader:
         self._reader: Any = dds.sub.DataReader(participant, topic_, qos=dds.qos.Qos(*chosen))
 
     def take(self) -> list[bytes]:
-        """What came since the last call and was not overtaken, oldest first. Raises `LinkError`."""
+        """Samples since the last call that were not overtaken, oldest first. Raises `LinkError`."""
         if self._reader is None:
             raise LinkError("this link is closed")
         try:
@@ -67,7 +67,7 @@ class Reader:
 
     @property
     def writers(self) -> int:
-        """How many writers are known to send."""
+        """Number of writers known to send."""
         return self._reader.get_subscription_matched_status().current_count
 
     def close(self) -> None:

@@ -23,7 +23,7 @@ class ReceivedState:
     record: np.ndarray
     """LowState () in C layout, read-only."""
     sequence: int
-    """How many states this link has taken, this one included; the same number is the same state."""
+    """Number of states this link has taken, this one included; the same number is the same state."""
     received_s: float
     """When it came, on the link's clock [s]; over DDS, where this is not known, the earliest that it can have come."""
     age_s: float
@@ -51,7 +51,7 @@ class ReceivedCommand:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkCounts:
-    """What came over a link since it was opened."""
+    """Counts of what came over a link since it was opened."""
 
     taken: int = 0
     """Valid messages that were newer than the one before."""
@@ -64,7 +64,7 @@ class LinkCounts:
     refused: dict[Reason, int] = field(default_factory=dict)
     """Messages that did not open, by what was wrong."""
     version_changes: int = 0
-    """How often `version` differed from the state before: two robots on one network."""
+    """Number of times that `version` differed from the state before: two robots on one network."""
     foreign_commands: int = 0
     """Commands that somebody else published (at least: a late reader sees the newest only)."""
 
@@ -95,7 +95,15 @@ class RobotEnd(Protocol):
     """The robot's end, for simulated robots. Not to be shared by threads."""
 
     def publish_state(self, record: np.ndarray) -> None:
-        """Sends a LowState () with its checksum set."""
+        """Sends a LowState () with its checksum set; from the first on commands for its machine are taken."""
+        ...
+
+    def send_state(self, data: bytes) -> None:
+        """Sends bytes as a LowState, whatever they are: faults."""
+        ...
+
+    def disturb(self, data: bytes) -> None:
+        """Publishes bytes as a LowCmd, as a second controller would: to whoever listens, this robot too."""
         ...
 
     def command(self) -> ReceivedCommand | None:

@@ -18,7 +18,7 @@ WIDTH = 11
 _LEAST_TURN_PER_M = 0.05
 """Sine of the angle between the normals on both sides of a bend over h, below which it counts as no edge [1/m]."""
 _LIFT_PER_M = 1.25
-"""How far a sliding bend may leave the wall, over h^2 [1/m]."""
+"""Largest distance of a sliding bend from the wall, over h^2 [1/m]."""
 
 
 @compiled(inline="always", error_model="numpy")

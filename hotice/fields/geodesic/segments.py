@@ -112,7 +112,7 @@ def convex_clearance(solid, n, margin, a, b, below, above):
 
 @compiled(inline="always", error_model="numpy")
 def depth_of(solid, n, margin, h):
-    """How deep a segment may cut convex obstacle n [m]."""
+    """Depth to which a segment may cut convex obstacle n [m]."""
     # A plate thinner than the depth that is allowed would be crossed: only a share of its half thickness may be cut.
     thin = min(solid[n, 1], solid[n, 2]) if solid[n, 0] != CAPSULE else solid[n, 1]
     if solid[n, 0] != CYLINDER and solid[n, 0] != CAPSULE:

@@ -16,12 +16,14 @@ from typing import Any
 from torch import Tensor
 
 from hotice.errors import CheckpointError, InvalidConfig, OutputError
+from hotice.files import check_folder
 from hotice.learn.checkpoints.average import COUNT, PREFIX, averaged
 from hotice.learn.checkpoints.checkpoint import list_checkpoints, load_checkpoint, read_meta, resolve, save_checkpoint
 from hotice.learn.checkpoints.health import check_weights
 from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.learn.distill.teachers import contract
+from hotice.owner import sole_owner
 
 LEFT_OUT = re.compile(r"(rank\d+\.)?(env\.|reached$|touched$)|optimizer\.")
 """Names of what a merged checkpoint lacks: three quarters of its size."""
@@ -39,7 +41,7 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
     Raises:
         InvalidConfig: fewer than two different parts.
         CheckpointError: a part cannot be read, or differs from the first in preset, networks, observation or task.
-        OutputError: `out` holds a run, or cannot be written; an earlier average there is replaced.
+        OutputError: `out` holds a run, is another process's or not writable; an earlier average there is replaced.
     """
     folders = [resolve(Path(part)) for part in parts]
     if len({folder.resolve() for folder in folders}) != len(folders) or len(folders) < 2:
@@ -49,6 +51,7 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
     (first, meta), *others = [_read(folder) for folder in folders]
     for folder, (tensors, other) in zip(folders[1:], others, strict=True):
         _check_alike(folders[0], (first, meta), folder, (tensors, other))
+    check_folder(out)
     _check_free(out, meta["update"])
     names = [name for name in first if _acts(name, first)]
     weights = [averaged(first), *(averaged(tensors) for tensors, _ in others)]
@@ -66,7 +69,9 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
         trained_on |= TrainedOn.of_meta(each, str(folder))
     own[ANCESTORS], own[TRAINED_ON] = behind, trained_on.to_json()
     own[MERGED] = [{"steps": m["steps"], "sha256": m["sha256"]} for m in (meta, *(m for _, m in others))]
-    return save_checkpoint(out, int(meta["update"]), merged, own)
+    with sole_owner(out):
+        _check_free(out, meta["update"])
+        return save_checkpoint(out, int(meta["update"]), merged, own)
 
 
 def _read(folder: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:

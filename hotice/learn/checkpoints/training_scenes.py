@@ -25,7 +25,7 @@ class LeftOut:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingScenes:
-    """What a record gives: each scene once, and what of it is not there."""
+    """Scenes of a record, each once, and what of it is not there."""
 
     scenes: tuple[Scene, ...]
     left_out: tuple[LeftOut, ...] = ()

@@ -13,7 +13,7 @@ Layout = Sequence[tuple[str, int]]
 
 
 def columns_within(old: Layout, new: Layout) -> Tensor | None:
-    """Which columns of the `new` observation those of the `old` one are, (O,); None unless all rows are there."""
+    """Columns of the `new` observation that those of the `old` one are, (O,); None unless all rows are there."""
     starts, at = {}, 0
     for name, width in new:
         starts[name] = (at, width)

@@ -20,7 +20,7 @@ from hotice.task.contract import STEP, UNITS
 
 
 def contract(task: Mapping[str, Any]) -> dict[str, Any]:
-    """What policies must share, of a `TaskConfig` as JSON-ready values: `UNITS` and the control period.
+    """Fields that policies must share, of a `TaskConfig` as JSON-ready values: `UNITS` and the control period.
 
     The physics step in between is free: most of a run may be simulated in coarse steps and its end in fine ones.
     """

@@ -65,7 +65,7 @@ class TrainConfig:
     """Device of physics "warp" and of learning: a torch device; "auto": the GPU for "warp" where there is one, else the
     CPU."""
     threads: int = 0
-    """Threads of physics and torch; 0: all cores."""
+    """Threads of physics and torch; 0: all cores that this process may use."""
     hidden: tuple[int, ...] = (256, 128)
     """Hidden layers of each actor."""
     critic_hidden: tuple[int, ...] = (256, 128)

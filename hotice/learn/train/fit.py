@@ -53,7 +53,7 @@ def widened(run: Run, tensors: dict[str, Tensor], meta: dict[str, Any]) -> tuple
 
 
 def kind_of(meta: dict[str, Any]) -> str:
-    """What trained a checkpoint; before distillation there was only one way."""
+    """Way a checkpoint was trained; before distillation there was only one."""
     return meta.get("learner", DualPpo.kind)
 
 

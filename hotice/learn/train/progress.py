@@ -11,13 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
-from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 from torch.utils.tensorboard import SummaryWriter
 
+from hotice.console import PlainConsole
 from hotice.errors import OutputError
-from hotice.files import make_folder, write_bytes
+from hotice.files import make_folder, output_file, write_bytes
 from hotice.learn.train.config import TrainConfig
 
 SHOWN = (
@@ -42,7 +42,7 @@ class Progress:
     def __init__(self, config: TrainConfig, first: int) -> None:
         make_folder(config.out)
         self.config = config
-        self.console = Console(stderr=True)
+        self.console = PlainConsole(stderr=True)
         self.live = sys.stderr.isatty()
         self.bar = RichProgress(
             TextColumn("[bold]{task.description}"),
@@ -56,6 +56,7 @@ class Progress:
         limit = config.updates if not config.max_minutes else None
         self.task = self.bar.add_task("training", total=limit, completed=first, text="")
         with self._writing():
+            output_file(config.out / LOG)
             if config.resume:
                 keep_rows(config.out / LOG, first)
             self.lines = open(config.out / LOG, "ab", buffering=0)  # noqa: SIM115 - closed in __exit__
@@ -104,7 +105,7 @@ class Progress:
 
     def note(self, text: str) -> None:
         """Prints a line above the bar."""
-        self.console.print(text, highlight=False, soft_wrap=True)
+        self.console.print(text, soft_wrap=True)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
@@ -132,5 +133,5 @@ def keep_rows(path: Path, update: int) -> None:
 def _update_of(line: bytes) -> float:
     try:
         return json.loads(line)["update"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return float("inf")

@@ -81,7 +81,7 @@ def _restore(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, A
 
 
 def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
-    """What each rank has of its own: random numbers, and episodes where nothing differs that they depend on."""
+    """State that each rank has of its own: random numbers, and episodes where nothing differs that they depend on."""
     ranks = meta.get("ranks", 1)
     pairs = {
         "ranks": (ranks, distributed.size()),

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from hotice.errors import OutputError
 from hotice.learn import distributed
-from hotice.learn.checkpoints.checkpoint import list_checkpoints
+from hotice.learn.checkpoints.checkpoint import list_checkpoints, updates_of
 from hotice.learn.checkpoints.health import check_network, check_physics
 from hotice.learn.ppo.gae import gae
 from hotice.learn.train.config import TrainConfig, write_config
@@ -18,6 +18,7 @@ from hotice.learn.train.progress import Progress
 from hotice.learn.train.resume import begin_from, load_run, save_run
 from hotice.learn.train.run import Run
 from hotice.learn.train.signals import stop_on_signals
+from hotice.owner import sole_owner
 from hotice.sim.env import Step, TransportEnv
 
 
@@ -35,14 +36,32 @@ class Runner(Run):
     def train(self) -> bool:
         """Runs until the limit of updates or minutes; saves at the end, also when interrupted: then False.
 
-        Raises `OutputError` where the folder holds another run: its checkpoints would outlive the new ones.
+        Raises `OutputError` where the folder holds another run, whose checkpoints would outlive the new ones, or is
+        another process's.
         """
-        cfg = self.config
-        if not (cfg.resume or self.update) and (there := list_checkpoints(cfg.out)):
+        self._check_folder()
+        with sole_owner(self.config.out) if distributed.rank() == 0 else contextlib.nullcontext():
+            self._check_folder()
+            return self._train()
+
+    def _check_folder(self) -> None:
+        """Raises `OutputError` where the folder holds another run, or a later state of this one."""
+        out, there = self.config.out, list_checkpoints(self.config.out)
+        if not there:
+            return
+        if not (self.config.resume or self.update):
             raise OutputError(
-                f"{cfg.out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another "
+                f"{out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another "
                 "folder as --out"
             )
+        if self.config.resume and updates_of(there[-1]) > self.update:
+            raise OutputError(
+                f"{out}: {there[-1].name} was written there after this run began: run the same command again to go "
+                "on with it"
+            )
+
+    def _train(self) -> bool:
+        cfg = self.config
         begin, minutes_before = time.monotonic(), self.minutes
         leads = distributed.rank() == 0
         if leads:

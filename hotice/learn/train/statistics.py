@@ -28,7 +28,7 @@ class EpisodeStatistics:
 
     @property
     def counters(self) -> tuple[Tensor, ...]:
-        """What `pop` reads and clears."""
+        """Sums that `pop` reads and clears."""
         return self.ended, self.outcomes, self.successes, self.collisions, self.distance, self.length
 
     def add(self, step: Step) -> None:

@@ -84,7 +84,7 @@ class LatticePath:
 
 
 class _Room(NamedTuple):
-    """What the clearance of a block is computed from; `known` remembers it by place, heading and block."""
+    """Room that the clearance of a block is computed in; `known` remembers it by place, heading and block."""
 
     distance: NDArray
     offset: NDArray

@@ -24,7 +24,7 @@ WALL_M, FRAME_M = 0.1, 0.05
 GAP_M = 0.03
 """Pieces keep this apart."""
 BEYOND_M = 1.3
-"""How far the floor goes on behind the door."""
+"""Length of floor behind the door [m]."""
 TRIES = 25
 HEIGHTS_M = (0.05, 0.3, 0.5, 0.75, 1.0, 1.25)
 

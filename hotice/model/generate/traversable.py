@@ -143,7 +143,7 @@ def _sampled_distance(
 
 
 def _reason(scene: Scene, envelope: Envelope, end: NDArray, found: LatticePath) -> str:
-    """What stops the robot at the end of the path: the obstacle that its envelope meets there, or one step on."""
+    """Obstruction at the end of the path: the obstacle that its envelope meets there, or one step on."""
     x, y, yaw = end
     where = f"at ({x:.2f}, {y:.2f}), {math.dist((x, y), scene.goal):.2f} m before the goal"
     step = 0.2 if found.clearance[-1] >= MARGIN_M else 0.0

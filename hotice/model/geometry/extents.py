@@ -12,9 +12,9 @@ from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, 
 from hotice.model.scene import Obstacle
 
 GROUND_TOP_M = 0.15
-"""What ends below can be stepped over: category ground."""
+"""Height [m] below which an obstacle's top can be stepped over: category ground."""
 OVERHEAD_BOTTOM_M = 1.0
-"""What begins above can be ducked under: category overhead."""
+"""Height [m] above which an obstacle's underside can be ducked under: category overhead."""
 
 
 def category_by_height(bottom_m: float, top_m: float) -> str:

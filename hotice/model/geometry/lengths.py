@@ -1,4 +1,4 @@
-"""How long and how far things of a scene are: what a file may claim without making arithmetic overflow."""
+"""Longest lengths and distances of a scene: what a file may claim without making arithmetic overflow."""
 
 from hotice.checks import Range
 

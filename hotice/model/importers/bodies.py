@@ -27,7 +27,7 @@ class Place:
 
 
 def rooms_and_solids(corners: Points, near: NDArray[np.bool_], places: Points) -> Place:
-    """What triangles (F, 3, 3), z up, are to a robot that walks between `places` (2, 2), start and goal.
+    """Meaning of triangles (F, 3, 3), z up, to a robot that walks between `places` (2, 2), start and goal.
 
     A body is taken whole, however far it reaches, when one of its triangles is `near` (F,); other triangles only if
     they are. A closed body that both places stand in is a room, a surface, unless it is a block with things on its top

@@ -34,13 +34,13 @@ from hotice.model.geometry.shapes import BoxShape, MeshShape
 from hotice.model.importers.front3d import Floor, Front3dReport, House, PlacedMesh, load_house
 from hotice.model.importers.meshes import export_obj, sample_surface
 from hotice.model.importers.solids import MAX_BODIES, Solid, boxed, solidify
-from hotice.model.scene import Obstacle, Scene
+from hotice.model.scene import Obstacle, Scene, save_all
 from hotice.model.source import MapSource
 
 TOUCHED_M = (0.03, 1.3)
 """Heights above the floor between which a robot touches things."""
 FLUSH_M = 0.01
-"""What rises less above the floor is a part of it."""
+"""Height [m] above the floor up to which a thing is part of it."""
 LEVEL_M = 0.05
 """Floors that differ less in height make one level."""
 DOORWAY_M = 0.2
@@ -285,10 +285,11 @@ def import_front3d(config: Front3dConfig) -> int:
 
     Returns 1 when the house holds no way that passes furniture and can be crossed, else 0.
     """
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False)
+    from hotice.console import PlainConsole
+
+    console = PlainConsole()
     with console.status(f"importing {config.house}"), tempfile.TemporaryDirectory(prefix="hotice-import-") as folder:
         found = front3d_scenes(
             config.house,
@@ -298,10 +299,7 @@ def import_front3d(config: Front3dConfig) -> int:
             seed=config.seed,
             size_m=config.size_m,
         )
-        if found.scenes:
-            make_folder(config.out)
-        for scene in found.scenes:
-            scene.save(config.out / f"{scene.name}.json")
+        save_all(found.scenes, config.out)
     table = Table("", "", "number", title=f"{config.house.name}: {len(found.scenes)} scenes in {config.out}")
     rows = [*found.report.rows(), *(("solid", k, n) for k, n in sorted(found.solids.items()))]
     for part, reason, number in [*rows, *(("way rejected", k, n) for k, n in sorted(found.rejected.items()))]:
@@ -312,7 +310,6 @@ def import_front3d(config: Front3dConfig) -> int:
         console.print(
             f"{100 * share:.0f} % of the furniture is missing: its models are not in {folders}; where the data set "
             "came in parts, give all of them (--models A B ...)",
-            markup=False,
             soft_wrap=True,
         )
     return 0 if found.scenes else 1

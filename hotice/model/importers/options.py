@@ -17,7 +17,7 @@ Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
-    """How a map becomes a scene. Raises `InvalidConfig`."""
+    """Options of turning a map into a scene. Raises `InvalidConfig`."""
 
     start: tuple[float, ...]
     """x, y [m] and, optionally, yaw [rad]; without yaw the robot faces the goal."""

@@ -71,7 +71,7 @@ def _fans(polygons: Indices) -> Indices:
 
 
 def _may_be_fanned(corners: Points) -> NDArray[np.bool_]:
-    """Which polygons (P, n, 3) are strictly convex, or have no area or no finite size that could be got wrong, (P,)."""
+    """Mask of the polygons (P, n, 3) that are strictly convex, or without area or finite size to get wrong, (P,)."""
     with np.errstate(all="ignore"):
         turn = _turns(_flattened(corners))
         convex = (turn > _STRAIGHT_RAD).all(axis=1) & (np.abs(turn.sum(axis=1) - 2.0 * math.pi) < 1e-3)

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from hotice import checks
 from hotice.errors import InvalidConfig
+from hotice.machine import usable_cores
 from hotice.model.builder import HIT_SENSORS
 
 _STAGE = mujoco.mjtStage
@@ -54,7 +55,7 @@ class MujocoBatch:
         self.models = list(models)
         first = copy.copy(self.models[0])
         first.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must stay visible
-        self.batch = mujoco.batch.Batch(first, num_envs, nthread=threads, persistent=True)
+        self.batch = mujoco.batch.Batch(first, num_envs, nthread=threads or usable_cores(), persistent=True)
         self.qpos, self.qvel, self.ctrl = (_view(self.batch.bind(n)) for n in ("qpos", "qvel", "ctrl"))
         self._warmstart = _view(self.batch.bind("qacc_warmstart"))
         self._time = _view(self.batch.bind("time"))

@@ -7,14 +7,22 @@ from collections.abc import Iterator
 
 import torch
 
+from hotice.machine import usable_cores
+
 
 def use_threads(count: int) -> None:
-    """Limits torch and the compiled field queries to `count` threads; 0 leaves them at all cores."""
-    if count <= 0:
-        return
+    """Limits torch and the compiled field queries to `count` threads; 0: to all cores that the process may use.
+
+    With 0 neither gets more than it has: a limit that OMP_NUM_THREADS or a caller has set stays.
+    """
     import numba
     from numba.core import config
 
+    if count <= 0:
+        cores = usable_cores()
+        torch.set_num_threads(min(cores, torch.get_num_threads()))
+        numba.set_num_threads(min(cores, numba.get_num_threads()))
+        return
     torch.set_num_threads(count)
     numba.set_num_threads(min(count, config.NUMBA_NUM_THREADS))
 

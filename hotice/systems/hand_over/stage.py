@@ -25,7 +25,7 @@ from hotice.task.judge import Judge
 
 Array = NDArray[np.float64]
 VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diverged", "no_way")
-"""How a rehearsal ended; `fit`: nothing happened; `no_way`: the walking baseline has no plan to the goal."""
+"""Outcomes of a rehearsal; `fit`: nothing happened; `no_way`: the walking baseline has no plan to the goal."""
 
 
 class RehearsalStage:

@@ -86,7 +86,7 @@ def report_hand_over(station: Station, logs: Mapping[str, SignalLog]) -> HandOve
 
 
 def _failure(station: Station, qpos: np.ndarray) -> tuple[str, int]:
-    """What first went wrong in states (T, 43), and in which; empty for nothing."""
+    """First fault in states (T, 43), and its state; empty for none."""
     model = builder.build_model(station.carry.carried, joints=29, floor=False)
     data, referee = mujoco.MjData(model), Judge(model)
     for row, q in enumerate(qpos):

@@ -22,7 +22,7 @@ BOX = (1.5, 0.5)
 DX, DY = 3.1, 1.4
 """Size of a box, and from one to the next."""
 AHEAD, BACK = 0.28, 0.22
-"""How far wires bend that pass over systems, and those that lead back, per length."""
+"""Bend of wires that pass over systems, and of those that lead back, per length."""
 
 
 def write_station_page(meshcat: Any, path: str | Path) -> Path:

@@ -24,11 +24,11 @@ from hotice.task.rules import arrived
 PICK_S = 40.0
 """Longest pick-up, steps away from the table included."""
 HELD_S = 2.0
-"""How long a pick-up that hands nothing over is shown holding the object."""
+"""Time that a pick-up that hands nothing over is shown holding the object [s]."""
 AFTER_S = 0.6
-"""What is shown of what follows the end."""
+"""Time shown after the end [s]."""
 CHECK_S = 0.1
-"""How often is looked whether the run is over."""
+"""Period of looking whether the run is over [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from hotice.checks import Range
 
 @dataclass(frozen=True, kw_only=True)
 class RehearsalConfig:
-    """How both are tried."""
+    """Horizon and pushes of both trials."""
 
     horizon_s: float = 4.0
     """For how long; 0: not at all."""

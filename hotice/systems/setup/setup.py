@@ -37,7 +37,7 @@ Array = NDArray[np.floating]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StationSetup:
-    """What a station is made of; see `decide`.
+    """Parts of a station, decided before its diagram; see `decide`.
 
     Attributes:
         config, plant_name, controller_name: as given.

@@ -28,7 +28,7 @@ def pick_origin(scene: Scene, config: StationConfig) -> tuple[float, float, floa
 
 
 def table_of(scene: Scene, config: StationConfig) -> Obstacle:
-    """What the object stands on, in W."""
+    """Table that the object stands on, in W."""
     (x, y, yaw), (depth, width), top = pick_origin(scene, config), TABLE_M, config.support_height_m
     turn = quat_from_yaw(yaw)
     middle = quat_rotate(turn, np.array([config.support_near_m + 0.5 * depth, 0.0, 0.5 * top])) + [x, y, 0.0]

@@ -42,7 +42,7 @@ class HeldPosture(LeafSystem):
 
 @dataclass(frozen=True, kw_only=True)
 class Sensed:
-    """What controllers may read: systems and the names of their ports."""
+    """Sources that controllers may read: systems and the names of their ports."""
 
     robot_state: Source
     joint_state: Source

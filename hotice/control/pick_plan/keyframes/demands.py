@@ -19,9 +19,10 @@ HANDS = tuple(f"{side}_wrist_yaw_link" for side in g1.SIDES)
 KNEES = tuple(f"{side}_knee_link" for side in g1.SIDES)
 SIGN = (1.0, -1.0)
 PALM_GAPS_M = {"box": (0.008,), "cylinder": (0.0005, 0.002, 0.004), "sphere": (0.0005, 0.002, 0.004)}
-"""How far palm spheres may be off the surface, tried one after another: locked wrists cannot make palms perfectly
-flush. A cost does the rest; a cylinder would roll between palms of which only one pair of spheres touches. Large
-spheres slip where more is demanded (trial 1 of `benchmarks.pickup --shape sphere --seed 1`): why is not known."""
+"""Distances of palm spheres from the surface that are allowed [m], tried one after another: locked wrists cannot make
+palms perfectly flush. A cost does the rest; a cylinder would roll between palms of which only one pair of spheres
+touches. Large spheres slip where more is demanded (trial 1 of `benchmarks.pickup --shape sphere --seed 1`): why is not
+known."""
 
 
 class Demands:

@@ -31,12 +31,12 @@ from hotice.model.frames import quat_from_axis_angle, quat_from_yaw, quat_mul
 Array = NDArray[np.float64]
 PALM_PLACE_M = 0.08
 HELD_M, HELD_RAD = 0.001, 0.01
-"""How far the hands may move relative to each other while they hold the object."""
+"""Largest motion of the hands relative to each other while they hold the object [m]."""
 LIFTED_M, LIFTED_RAD = 0.02, 0.05
-"""How far the lifted object may be beside its place."""
+"""Largest distance of the lifted object from its place [m]."""
 CARRY_M, CARRY_RAD = 0.03, 0.1
-"""How far the object may end from where the first guess has it, which is as near to the carry state as locked wrists
-allow."""
+"""Largest distance of the object at the end from where the first guess has it [m], which is as near to the carry
+state as locked wrists allow."""
 PELVIS_M = 0.004
 LEVEL_SINE = 0.05
 

@@ -29,7 +29,7 @@ MAX_STEPS = 150
 
 @dataclass(frozen=True, kw_only=True)
 class Knots:
-    """What the knots between the ends shall be, K of them.
+    """Wishes for the K knots between the ends.
 
     Attributes:
         ends: (2, 26) first and last knot. guess: (K, 26). theta: (K, P) parameters of `soft` and `hard`.
