@@ -332,9 +332,9 @@ def test_a_silent_runner():
     moved[4] += 0.4
     bench.put(q=moved)
     bench.runner_runs = False
-    assert bench.ticks(44) is Mode.CARRY
+    assert bench.ticks(39) is Mode.CARRY
     # repeated for 60 ms, then back to the posture by no more than 0.07 rad in 2 ms
-    way = np.array([command.q[4] for command in bench.sent[-44:]])
+    way = np.array([command.q[4] for command in bench.sent[-39:]])
     assert (way[:30] == np.float32(moved[4])).all() and way[31] < moved[4]
     assert way[-1] == pytest.approx(POSTURE[4]) and np.abs(np.diff(way)).max() <= 0.07 + 1e-6
     assert bench.ticks(2) is Mode.DAMPING and bench.guard.cause is Cause.TARGET_AGE

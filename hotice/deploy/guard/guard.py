@@ -70,6 +70,7 @@ class Guard:
         self._told: frozenset[Cause] = frozenset()
         self._refused: str = ""
         self._link_fails = False
+        self._status_record = np.zeros((), STATUS)
 
     def tick(self) -> CheckedCommand | None:
         """Reads, decides and sends; what was sent, None in OFF and where the link cannot send."""
@@ -170,22 +171,19 @@ class Guard:
         return np.zeros(29, np.float32) if newest is None else newest.record["motor_state"][name][JOINTS]
 
     def _status(self, now_s: float) -> np.ndarray:
-        status = np.zeros((), STATUS)
+        status = self._status_record
         status["stamp_s"], status["mode"], status["cause"] = now_s, self.mode, self.cause
         status["entered_s"] = self._entered_s
         newest = self.measured.newest
-        if newest is not None:
-            status["sequence"], status["received_s"], status["state"] = (
-                newest.sequence,
-                newest.received_s,
-                newest.record,
-            )
+        if newest is not None and newest.sequence != status["sequence"]:
+            status["sequence"], status["received_s"] = newest.sequence, newest.received_s
+            status["state"] = newest.record
         return status
 
     def _tell_faults(self, found: list[Finding], now_s: float) -> None:
         for finding in found:
             if finding.cause not in self._told and self.mode is not Mode.OFF:
-                self._event(now_s, finding.cause, f"{finding.answer.name.lower()}: {finding}")
+                self._event(now_s, finding.cause, f"{finding.reaction.name.lower()}: {finding}")
         self._told = frozenset(finding.cause for finding in found)
 
     def _event(self, now_s: float, cause: Cause, text: str) -> None:
