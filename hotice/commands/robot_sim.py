@@ -8,10 +8,10 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
 from rich.table import Table
 
 from hotice.commands.robot_sim_config import RobotSimConfig
+from hotice.console import PlainConsole
 from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.dds.node import DdsNode
 from hotice.deploy.simulated.keys import KEYS, Terminal
@@ -34,7 +34,7 @@ def robot_sim(config: RobotSimConfig) -> None:
 
 
 def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
-    robot, console, stopped = network.robot, Console(), []
+    robot, console, stopped = network.robot, PlainConsole(), []
     console.print(
         f"simulated robot in {robot.world.scene.name}, {config.start}: domain {config.domain} on {config.interface}, "
         f"pose to UDP {config.pose_port}, tags to {config.tags_port}; Ctrl-C ends"
@@ -82,7 +82,8 @@ def _summary(network: NetworkRobot, lateness: Lateness) -> Table:
         ("lived", f"{robot.time_s:.2f} s, {robot.steps} states"),
         ("steps late", f"{shares}; worst {1e3 * lateness.worst_s:.2f} ms, slipped {lateness.slipped_s:.3f} s"),
         ("commands", f"{counts.taken} taken; refused: {refused}"),
-        ("robot and object", world.failure or "neither fallen nor dropped"),
+        ("robot and object", robot.failure or "neither fallen nor dropped"),
+        ("object", "given to the robot" if robot.handing.stage == "gone" else robot.handing.stage),
         ("touched", world.touched or "no obstacle"),
         ("to the goal", f"{math.hypot(x - world.scene.goal[0], y - world.scene.goal[1]):.2f} m"),
     ):

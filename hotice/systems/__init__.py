@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hotice.systems.setup.config import StationConfig
     from hotice.systems.setup.rehearsal_config import RehearsalConfig
     from hotice.systems.station.make import Station, make_station
+    from hotice.systems.visualizer import open_meshcat
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
@@ -34,6 +35,7 @@ __all__ = [
     "Station",
     "StationConfig",
     "make_station",
+    "open_meshcat",
     "play_station",
     "read_logs",
     "report_hand_over",

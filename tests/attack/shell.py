@@ -9,6 +9,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from hotice.caches import cache_root
+
 LIMIT_S = 20.0
 """A line that takes longer hangs."""
 
@@ -72,6 +74,7 @@ class Shell:
         environment = {
             **os.environ,
             "TMPDIR": str(self.temporary),
+            "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR") or str(cache_root().parent),
             "HOTICE_CACHE": str(self.folder / "cache"),
             "OMP_NUM_THREADS": "1",
             "COLUMNS": "200",

@@ -25,9 +25,17 @@ def limit_memory() -> None:
 def run(argv: list[str]) -> int:
     """Exit status of a command line, as `python -m hotice.learn` would give it."""
     from hotice.commands.program import main
+    from hotice.errors import HoticeError
+    from hotice.failures import one_line
 
     try:
+        if argv[:1] and argv[0].startswith("load:"):
+            load(argv[0].removeprefix("load:"), Path(argv[1]))
+            return 0
         return main(argv)
+    except HoticeError as error:
+        print(one_line(f"hotice: {error}"), file=sys.stderr)
+        return 2
     except SystemExit as end:
         if isinstance(end.code, str):
             print(end.code, file=sys.stderr)
@@ -36,6 +44,32 @@ def run(argv: list[str]) -> int:
     except BaseException:
         traceback.print_exc()
         return 1
+
+
+def load(kind: str, path: Path) -> None:
+    """Reads a file as the command would that begins to work after it."""
+    if kind == "station":
+        from hotice.systems.setup.config import StationConfig
+
+        StationConfig.load(path)
+    elif kind == "pipeline":
+        from hotice.commands.pipeline.file import load_pipeline
+
+        load_pipeline(path)
+    elif kind == "record":
+        from hotice.replay import RolloutRecord
+
+        RolloutRecord.load(path)
+    elif kind == "fields":
+        from hotice.fields import cache
+
+        cache.load(path.parent, path.stem)
+    elif kind == "plan":
+        from hotice.control.pick_plan import cache
+
+        cache.load(path.parent, path.stem)
+    else:
+        raise AssertionError(kind)
 
 
 def serve(answers: int, out: Path, err: Path) -> None:

@@ -137,6 +137,12 @@ class SimulatedRobot:
         """Name of its own controller, which holds it at the start `standing` until it is released or commanded."""
         return OWN_CONTROLLER if self._own else ""
 
+    @property
+    def failure(self) -> str:
+        """A fall, or a drop of an object that it was given, by its name in `hotice.task.rules`; empty for none."""
+        failure = self.world.failure
+        return "" if failure == "drop" and self.handing.stage != "gone" else failure
+
     def release(self) -> None:
         """Releases its own controller: limp at once, as the real one; what steadies it does so until a command."""
         if self._own:
