@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from hotice.systems.setup.config import StationConfig
     from hotice.systems.setup.rehearsal_config import RehearsalConfig
     from hotice.systems.station.make import Station, make_station
+    from hotice.systems.visualizer import open_meshcat
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
@@ -37,6 +38,7 @@ __all__ = [
     "StationConfig",
     "lost_box",
     "make_station",
+    "open_meshcat",
     "play_station",
     "read_logs",
     "report_hand_over",

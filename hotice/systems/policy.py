@@ -15,6 +15,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 from hotice.model.carry import CarryState
 from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.policy import PolicySession, PolicyTask
+from hotice.policy.action import next_action
 from hotice.policy.guidance import FieldReading, read_standing
 from hotice.policy.observation import Carrying, layout_of, observe, remember
 from hotice.policy.percept import Percept
@@ -158,8 +159,3 @@ class PolicySystem(LeafSystem):
 
     def _output_action(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state(MEMORY).value()[ACTION])
-
-
-def next_action(raw: Array, limit: float) -> Array:
-    """What the environment makes of a network's finite output (20,): within ± `limit`."""
-    return np.minimum(np.maximum(raw, -limit), limit)

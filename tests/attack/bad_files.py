@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
@@ -11,32 +10,11 @@ MARKUP = "[/bold][red]x"
 DEEP = "[" * 100_000
 DIGITS = "9" * 5000
 
-STATION = "scene: open_floor\npolicy: student\n"
-PIPELINE = "format: hotice-pipeline/1\nout: made\njobs:\n  a: {command: merge, options: {parts: [x, y]}}\n"
+ENDINGS = (".json", ".onnx", ".yaml", ".obj", ".ply", ".pcd", ".glb")
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
 )
 """Some 300 bytes that stand for a thousand million words."""
-
-
-def scene(**changes: object) -> dict:
-    """A scene file's content."""
-    data = {
-        "format": "hotice-scene/1",
-        "name": "room",
-        "bounds_m": [[-0.5, -1.0, 0.0], [2.5, 1.0, 1.5]],
-        "start": {"position_m": [0.0, 0.0], "yaw_rad": 0.0},
-        "goal": {"position_m": [2.0, 0.0]},
-        "obstacles": [
-            {
-                "name": "beam",
-                "category": "overhead",
-                "shape": {"type": "box", "size_m": [0.2, 2.0, 0.2]},
-                "position_m": [1.0, 0.0, 1.3],
-            }
-        ],
-    }
-    return data | changes
 
 
 def contents(ending: str) -> dict[str, bytes]:
@@ -128,8 +106,3 @@ def write_contents(folder: Path, ending: str) -> dict[str, str]:
         path.write_bytes(content)
         result[name] = str(path)
     return result
-
-
-def write_json(path: Path, content: object) -> Path:
-    path.write_text(json.dumps(content))
-    return path

@@ -9,8 +9,10 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-LIMIT_S = 20.0
-"""A line that takes longer hangs."""
+from hotice.caches import cache_root
+
+LIMIT_S = 180.0
+"""A line that takes longer waits for something; how long it may compute: `worker.CPU_S`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +74,7 @@ class Shell:
         environment = {
             **os.environ,
             "TMPDIR": str(self.temporary),
+            "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR") or str(cache_root().parent),
             "HOTICE_CACHE": str(self.folder / "cache"),
             "OMP_NUM_THREADS": "1",
             "COLUMNS": "200",

@@ -8,12 +8,16 @@ import faulthandler
 import json
 import os
 import resource
+import signal
 import sys
 import traceback
 from pathlib import Path
 
 MEMORY_BYTES = 3 * 2**30
 """How much a line may allocate beyond what the imported packages take."""
+
+CPU_S = 20.0
+"""How long a line may compute; a machine that is busy with other things makes it no slower."""
 
 
 def limit_memory() -> None:
@@ -25,9 +29,17 @@ def limit_memory() -> None:
 def run(argv: list[str]) -> int:
     """Exit status of a command line, as `python -m hotice.learn` would give it."""
     from hotice.commands.program import main
+    from hotice.errors import HoticeError
+    from hotice.failures import one_line
 
     try:
+        if argv[:1] and argv[0].startswith("load:"):
+            load(argv[0].removeprefix("load:"), Path(argv[1]))
+            return 0
         return main(argv)
+    except HoticeError as error:
+        print(one_line(f"hotice: {error}"), file=sys.stderr)
+        return 2
     except SystemExit as end:
         if isinstance(end.code, str):
             print(end.code, file=sys.stderr)
@@ -38,6 +50,32 @@ def run(argv: list[str]) -> int:
         return 1
 
 
+def load(kind: str, path: Path) -> None:
+    """Reads a file as the command would that begins to work after it."""
+    if kind == "station":
+        from hotice.systems.setup.config import StationConfig
+
+        StationConfig.load(path)
+    elif kind == "pipeline":
+        from hotice.commands.pipeline.file import load_pipeline
+
+        load_pipeline(path)
+    elif kind == "record":
+        from hotice.replay import RolloutRecord
+
+        RolloutRecord.load(path)
+    elif kind == "fields":
+        from hotice.fields import cache
+
+        cache.load(path.parent, path.stem)
+    elif kind == "plan":
+        from hotice.control.pick_plan import cache
+
+        cache.load(path.parent, path.stem)
+    else:
+        raise AssertionError(kind)
+
+
 def serve(answers: int, out: Path, err: Path) -> None:
     for request in map(json.loads, sys.stdin):
         for path, fd in ((out, 1), (err, 2)):
@@ -46,7 +84,9 @@ def serve(answers: int, out: Path, err: Path) -> None:
             os.close(file)
         os.chdir(request["cwd"])
         faulthandler.dump_traceback_later(request["limit_s"], exit=True)
+        signal.setitimer(signal.ITIMER_PROF, CPU_S)
         status = run(request["argv"])
+        signal.setitimer(signal.ITIMER_PROF, 0)
         faulthandler.cancel_dump_traceback_later()
         sys.stdout.flush()
         sys.stderr.flush()
@@ -60,5 +100,6 @@ if __name__ == "__main__":
     import hotice.learn.policy  # noqa: F401
     import hotice.model.importers.scene_import  # noqa: F401
 
+    faulthandler.register(signal.SIGPROF, chain=True)  # the chain ends with the default: to end the process
     limit_memory()
     serve(answers, Path(sys.argv[1]), Path(sys.argv[2]))

@@ -25,6 +25,7 @@ COMMANDS = (
     "play",
     "tables",
     "benchmark",
+    "robot-sim",
 )
 NAN, INF = float("nan"), float("inf")
 

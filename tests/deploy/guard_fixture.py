@@ -142,7 +142,7 @@ class Bench:
         self.events.append(event)
 
     def _told(self, status):
-        self.status = status
+        self.status = status.copy()
 
     def _robot(self):
         command = self.robot.command()

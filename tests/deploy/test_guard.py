@@ -332,9 +332,9 @@ def test_a_silent_runner():
     moved[4] += 0.4
     bench.put(q=moved)
     bench.runner_runs = False
-    assert bench.ticks(44) is Mode.CARRY
+    assert bench.ticks(39) is Mode.CARRY
     # repeated for 60 ms, then back to the posture by no more than 0.07 rad in 2 ms
-    way = np.array([command.q[4] for command in bench.sent[-44:]])
+    way = np.array([command.q[4] for command in bench.sent[-39:]])
     assert (way[:30] == np.float32(moved[4])).all() and way[31] < moved[4]
     assert way[-1] == pytest.approx(POSTURE[4]) and np.abs(np.diff(way)).max() <= 0.07 + 1e-6
     assert bench.ticks(2) is Mode.DAMPING and bench.guard.cause is Cause.TARGET_AGE
@@ -457,6 +457,18 @@ def test_a_runner_elsewhere_is_not_followed():
         bench.targets["q"][2] = POSTURE[2] + turned
         assert bench.ticks(20) is Mode.READY
     assert bench.ask("carry") is Mode.READY and "away from the posture" in bench.events[-1].text
+
+
+def test_a_fault_that_comes_and_goes_is_told_once():
+    bench = bench_in(Mode.CARRY)
+    before = len(bench.events)
+    for _ in range(20):
+        once(bench, state_fault("q", np.nan))
+        bench.ticks(9)
+    assert [event.cause for event in bench.events[before:]] == [Cause.STATES_REFUSED]
+    bench.seconds(1.1)
+    once(bench, state_fault("q", np.nan))
+    assert [event.cause for event in bench.events[before:]] == [Cause.STATES_REFUSED] * 2
 
 
 def test_a_dry_run_sends_nothing():

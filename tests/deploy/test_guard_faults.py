@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hotice.deploy.guard import faults
-from hotice.deploy.guard.faults import Answer
+from hotice.deploy.guard.faults import Reaction
 from hotice.deploy.guard.limits import GuardLimits
 from hotice.deploy.guard.measured import jumped
 from hotice.deploy.guard.targets import refusal
@@ -14,7 +14,7 @@ from hotice.model import g1
 from hotice.model.joint_limits import position_limits, torque_limits
 
 LIMITS = GuardLimits()
-NONE, WARN, HOLD, LOWER, DAMPING = Answer
+NONE, WARN, HOLD, LOWER, DAMPING = Reaction
 LOWEST, HIGHEST = position_limits()
 KP = g1.gains(g1.ALL_JOINTS)[0]
 

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from hotice.deploy.clock import SimulatedClock
+from hotice.deploy.command import DAMPING_KD
+from hotice.deploy.guard import process
 from hotice.deploy.guard.loop import EDGES_MS, Lateness, run_loop
+from hotice.deploy.guard.modes import Request
+from hotice.deploy.messages.hg import JOINTS
+from tests.deploy.guard_fixture import Bench
 
 
 def run(durations_s):
@@ -37,3 +42,40 @@ def test_the_histogram_counts_every_tick_once():
         seen.add(1e-3 * ms, 0.0)
     assert seen.late[:3].tolist() == [2, 1, 0] and seen.late[-1] == 1 and seen.late.sum() == seen.took.sum() == 5
     assert "5 ticks" in str(seen) and "up to inf ms: 1 late" in str(seen)
+
+
+class Broken:
+    """A slot that fails after some reads."""
+
+    def __init__(self, reads):
+        self.left = reads
+
+    def targets(self):
+        self.left -= 1
+        if self.left < 0:
+            raise RuntimeError("a defect of the guard")
+
+    def tell(self, status):
+        pass
+
+
+def test_a_guard_that_fails_brakes_before_it_ends(monkeypatch):
+    monkeypatch.setattr(process, "take_precedence", lambda: False)
+    bench = Bench()
+
+    class Living(SimulatedClock):
+        def sleep(self, seconds):
+            super().sleep(seconds)
+            bench._robot()
+
+    clock = bench.clock = bench.bus.clock = Living()
+    for part in (bench.link._inbox, bench.robot._inbox):
+        part.clock = clock
+    for way in (bench.bus._commands, bench.link._way):
+        way._clock = clock
+    with pytest.raises(RuntimeError, match="a defect"):
+        process.run_guard(bench.link, Broken(400), clock, wishes=lambda: {Request.START}, charge=lambda: 80.0)
+    # 400 ticks, of which those from half a second on send, then two seconds of braking
+    assert bench.robot.counts().taken == pytest.approx(400 - 251 + 1000, abs=5)
+    command = bench.robot.command().record["motor_cmd"][JOINTS]
+    assert (command["kp"] == 0).all() and (command["kd"] == DAMPING_KD).all() and (command["mode"] == 1).all()

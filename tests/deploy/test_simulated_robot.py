@@ -6,7 +6,7 @@ import pytest
 from hotice.deploy.messages.checks import seal
 from hotice.deploy.messages.hg import JOINTS, LOW_STATE
 from hotice.deploy.messages.remote import connected, pressed
-from hotice.deploy.simulated.inertial import Imu, roll_pitch_yaw, tilted
+from hotice.deploy.simulated.senses.inertial import Imu, roll_pitch_yaw, tilted
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
 from hotice.model.frames import quat_from_axis_angle, quat_rotate
@@ -219,7 +219,7 @@ def test_a_pushed_one_falls_and_lies_on_the_floor():
     lab.live(0.2, lab.holding())
     lab.world.push([1.5, 0.0])
     lab.live(2.0, lab.holding())
-    assert lab.world.failure == "fall"
+    assert lab.robot.failure == "fall"
     # trunk and knees are solid: it lies on them
     assert lab.world.data.qpos[2] > 0.03
 
@@ -255,6 +255,8 @@ def test_the_object_comes_between_the_palms():
     told = lab.holding()
     lab.live(1.5, told)
     assert lab.world.object_pose[2] == pytest.approx(3.0, abs=1e-3)
+    # nothing was given yet that could be dropped
+    assert lab.world.failure == "drop" and lab.robot.failure == ""
     lab.robot.press("F1")
     lab.live(1.5, told)
     assert lab.robot.handing.stage == "held"

@@ -104,11 +104,18 @@ def test_a_sender_that_restarts_is_heard_again():
 
 
 def test_over_udp():
-    source = UdpSource(0, PoseSample.decode, clock=SimulatedClock())
+    clock = SimulatedClock()
+    source = UdpSource(0, PoseSample.decode, clock=clock)
     sender = UdpSender(source.port)
     for number in (1, 2, 3):
         sender.send(pose(number).encode())
-    assert source.newest().sample.number == 3
+    clock.sleep(0.5)
+    # it may have come at once
+    assert (source.newest().sample.number, source.newest().age_s) == (3, 0.5)
+    clock.sleep(0.1)
+    sender.send(pose(4).encode())
+    clock.sleep(0.2)
+    assert source.newest().age_s == pytest.approx(0.3)
     with pytest.raises(LinkError, match="cannot listen"):
         UdpSource(source.port, PoseSample.decode)
     for end in (source, sender):

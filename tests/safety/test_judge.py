@@ -70,7 +70,7 @@ def test_a_state_that_is_not_finite(name, bad):
         ({"gyro": np.array([0.0, -6.1, 0.0])}, Fault.GYRO),
         ({"gyro": np.array([0.0, 1e6, 0.0])}, Fault.STATE_IMPOSSIBLE),
         ({"qd": with_one(GOOD["qd"], 3, -19.9)}, None),
-        ({"qd": with_one(GOOD["qd"], 3, -20.1)}, Fault.JOINT_SPEED),
+        ({"qd": with_one(GOOD["qd"], 3, -30.1)}, Fault.JOINT_SPEED),
         ({"qd": with_one(GOOD["qd"], 3, 1e6)}, Fault.STATE_IMPOSSIBLE),
         ({"q": with_one(MIDDLE, 3, UPPER[3] + 0.09)}, None),
         ({"q": with_one(MIDDLE, 3, UPPER[3] + 0.11)}, Fault.JOINT_LIMIT),
@@ -105,7 +105,7 @@ def test_a_pose(change, fault):
 
 
 def test_targets():
-    w = watch(command=CommandLimits(target_margin_rad=0.2))
+    w = watch(command=CommandLimits(target_margin_rad=0.2, step_rad=0.35))
     assert w.see_targets(0.0, MIDDLE)
     for bad, fault in (
         (with_one(MIDDLE, 3, np.nan), Fault.COMMAND_NOT_FINITE),
@@ -288,7 +288,7 @@ def test_every_fault_has_an_answer_and_only_falls_damp_at_once():
 )
 @pytest.mark.parametrize("value", [np.nan, 0.0, -1.0, np.inf])
 def test_limits_are_checked(kind, name, value):
-    with pytest.raises(InvalidConfig, match=f"{name} is .*: a finite number above 0"):
+    with pytest.raises(InvalidConfig, match=f"{name} is .*: a finite number above 0.* is needed"):
         kind(**{name: value})
 
 

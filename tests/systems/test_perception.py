@@ -14,6 +14,7 @@ from hotice.fields.defaults import ETA
 from hotice.model.carry import solve_carry
 from hotice.model.objects import Sphere
 from hotice.policy import Percept, PerceptModel, PolicyTask, open_policy
+from hotice.policy.action import next_action
 from hotice.policy.guidance import read_fields, read_standing
 from hotice.policy.observation import LAYOUT, Carrying, layout_of, observe, remember
 from hotice.safety import Answer, Fault
@@ -21,7 +22,7 @@ from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.sensing import Sensors
 from hotice.systems.guidance_field import GuidanceFieldSystem
-from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PLACE, PolicySystem, next_action
+from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PLACE, PolicySystem
 from hotice.systems.sensor_model import DRAWS, ESTIMATE, SensorModel, measure
 from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig, draw_delays
 

@@ -10,11 +10,13 @@ from hotice.lazy import lazy_face
 if TYPE_CHECKING:
     from hotice.deploy.guard.config import GuardConfig
     from hotice.deploy.guard.dry import DryLink
-    from hotice.deploy.guard.faults import Cause, Finding
+    from hotice.deploy.guard.faults import Cause, Finding, Reaction
     from hotice.deploy.guard.guard import Event, Guard
+    from hotice.deploy.guard.keyboard import Keyboard
     from hotice.deploy.guard.limits import GuardLimits
     from hotice.deploy.guard.loop import Lateness, run_loop
     from hotice.deploy.guard.modes import Mode, Request
+    from hotice.deploy.guard.process import run_guard
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
@@ -26,8 +28,11 @@ __all__ = [
     "Guard",
     "GuardConfig",
     "GuardLimits",
+    "Keyboard",
     "Lateness",
     "Mode",
+    "Reaction",
     "Request",
+    "run_guard",
     "run_loop",
 ]

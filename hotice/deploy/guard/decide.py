@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
-from hotice.deploy.guard.faults import Answer, Cause, Finding
+from hotice.deploy.guard.faults import Cause, Finding, Reaction
 from hotice.deploy.guard.modes import DRIVEN, Mode, Request, wished
 
 MOVING = (Mode.PICK_UP, Mode.CARRY)
@@ -38,14 +38,14 @@ def decide(
         posture_over: the way to the posture is over
         against: what stands against the wish that is granted next, one sentence each
     """
-    worst = found[0] if found else Finding(Cause.NONE, Answer.NONE, "")
+    worst = found[0] if found else Finding(Cause.NONE, Reaction.NONE, "")
     if mode is not Mode.OFF and Request.STOP in wishes:
         return Decision(Mode.DAMPING, Cause.OPERATOR, "stopped by the operator")
-    if mode not in (Mode.OFF, Mode.DAMPING) and worst.answer is Answer.DAMPING:
+    if mode not in (Mode.OFF, Mode.DAMPING) and worst.reaction is Reaction.DAMPING:
         return Decision(Mode.DAMPING, worst.cause, str(worst))
-    if worst.answer is Answer.LOWER and mode in (*MOVING, Mode.HOLD):
+    if worst.reaction is Reaction.LOWER and mode in (*MOVING, Mode.HOLD):
         return Decision(Mode.LOWER, worst.cause, str(worst))
-    if worst.answer >= Answer.HOLD and mode in MOVING:
+    if worst.reaction >= Reaction.HOLD and mode in MOVING:
         return Decision(Mode.HOLD, worst.cause, str(worst))
     asked = [request for request in wishes if wished(mode, request) is not mode]
     if asked:
@@ -60,8 +60,8 @@ def decide(
 def _granted(mode: Mode, asked: Request, worst: Finding, reasons: list[str]) -> Decision:
     following = wished(mode, asked)
     # from OFF the conditions of entry say all that these would
-    if (mode is Mode.DAMPING and worst.answer is Answer.DAMPING) or (
-        following in MOVING and worst.answer >= Answer.HOLD
+    if (mode is Mode.DAMPING and worst.reaction is Reaction.DAMPING) or (
+        following in MOVING and worst.reaction >= Reaction.HOLD
     ):
         reasons.insert(0, str(worst))
     if reasons:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
@@ -23,6 +24,9 @@ from hotice.deploy.guard.targets import Targets
 from hotice.deploy.link.protocol import Link, LinkError, ReceivedState
 from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.slot.records import STATUS
+
+AWAY_S = 1.0
+"""A fault that was away for longer is told again [s]."""
 
 
 class Event(NamedTuple):
@@ -67,9 +71,10 @@ class Guard:
         self.mode, self.cause = Mode.OFF, Cause.NONE
         self._entered_s = self._others_s = clock.now()
         self._foreign, self._seen = link.counts().foreign_commands, 0
-        self._told: frozenset[Cause] = frozenset()
+        self._told: dict[Cause, float] = {}
         self._refused: str = ""
         self._link_fails = False
+        self._status_record = np.zeros((), STATUS)
 
     def tick(self) -> CheckedCommand | None:
         """Reads, decides and sends; what was sent, None in OFF and where the link cannot send."""
@@ -170,23 +175,22 @@ class Guard:
         return np.zeros(29, np.float32) if newest is None else newest.record["motor_state"][name][JOINTS]
 
     def _status(self, now_s: float) -> np.ndarray:
-        status = np.zeros((), STATUS)
+        status = self._status_record
         status["stamp_s"], status["mode"], status["cause"] = now_s, self.mode, self.cause
         status["entered_s"] = self._entered_s
         newest = self.measured.newest
-        if newest is not None:
-            status["sequence"], status["received_s"], status["state"] = (
-                newest.sequence,
-                newest.received_s,
-                newest.record,
-            )
+        if newest is not None and newest.sequence != status["sequence"]:
+            status["sequence"], status["received_s"] = newest.sequence, newest.received_s
+            status["state"] = newest.record
         return status
 
     def _tell_faults(self, found: list[Finding], now_s: float) -> None:
+        # one that comes and goes is told once, until it has been away for a while
         for finding in found:
-            if finding.cause not in self._told and self.mode is not Mode.OFF:
-                self._event(now_s, finding.cause, f"{finding.answer.name.lower()}: {finding}")
-        self._told = frozenset(finding.cause for finding in found)
+            away_s = now_s - self._told.get(finding.cause, -math.inf)
+            if away_s > AWAY_S and self.mode is not Mode.OFF:
+                self._event(now_s, finding.cause, f"{finding.reaction.name.lower()}: {finding}")
+            self._told[finding.cause] = now_s
 
     def _event(self, now_s: float, cause: Cause, text: str) -> None:
         self._on_event(Event(now_s, self.mode, cause, text))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from hotice.deploy.guard import faults
 from hotice.deploy.guard.config import GuardConfig
-from hotice.deploy.guard.faults import Answer, Cause, Finding
+from hotice.deploy.guard.faults import Cause, Finding, Reaction
 from hotice.deploy.guard.measured import Measured
 from hotice.deploy.guard.targets import Targets
 from hotice.deploy.messages.hg import JOINTS
@@ -36,11 +36,11 @@ class Judge:
             *(self._of_runner(targets, now_s) if driven else ()),
         ]
         if self._config.gamepad_needed:
-            answer = faults.gamepad(gamepad_s, self._config.limits)
-            found.append(Finding(Cause.GAMEPAD, answer, "no gamepad for {:.1f} s", gamepad_s))
+            reaction = faults.gamepad(gamepad_s, self._config.limits)
+            found.append(Finding(Cause.GAMEPAD, reaction, "no gamepad for {:.1f} s", gamepad_s))
         if foreign:
-            found.append(Finding(Cause.PUBLISHER, Answer.DAMPING, "somebody else sent {} commands", foreign))
-        return sorted((f for f in found if f.answer is not Answer.NONE), key=lambda f: f.answer, reverse=True)
+            found.append(Finding(Cause.PUBLISHER, Reaction.DAMPING, "somebody else sent {} commands", foreign))
+        return sorted((f for f in found if f.reaction is not Reaction.NONE), key=lambda f: f.reaction, reverse=True)
 
     def _of_robot(self, measured: Measured, now_s: float, charge: float | None) -> Iterator[Finding]:
         limits = self._config.limits
@@ -81,5 +81,5 @@ class Judge:
         box_s, pose_s = float(newest["box_age_s"]) + age_s, float(newest["pose_age_s"]) + age_s
         yield Finding(Cause.BOX_UNSEEN, faults.box_unseen(box_s, limits), "box not seen for {:.1f} s", box_s)
         yield Finding(Cause.POSE_AGE, faults.pose_age(pose_s, limits), "localization is {:.1f} s old", pose_s)
-        disputed = Answer.HOLD if newest["pose_disputed"] else Answer.NONE
+        disputed = Reaction.HOLD if newest["pose_disputed"] else Reaction.NONE
         yield Finding(Cause.POSE_DISPUTED, disputed, "localization and tracking disagree: place the robot by hand")

@@ -1,4 +1,4 @@
-"""Limits of the guard: each number of the fault table, said once."""
+"""Limits of the guard: each number of the fault table; what stations judge too comes from `hotice.safety`."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ from dataclasses import dataclass
 
 from hotice import checks
 from hotice.errors import InvalidConfig
+from hotice.safety.limits import AgeLimits, CommandLimits, MeasurementLimits
+
+_MEASURED, _COMMAND, _AGES = MeasurementLimits(), CommandLimits(), AgeLimits()
 
 
 @dataclass(frozen=True, kw_only=True)
 class GuardLimits:
     """When what happens; `docs/deploy.md` has the table. A value at its limit is not yet beyond. `InvalidConfig`."""
 
-    state_warn_s: float = 0.020
+    state_warn_s: float = _AGES.state_s
     """Age of the state from which on it is told."""
     state_s: float = 0.050
     """Age of the state beyond which motors damp."""
     refused_states: int = 5
     """So many damaged or impossible states in a row count as silence."""
-    target_repeat_s: float = 0.040
+    target_repeat_s: float = _AGES.command_s
     """Age of the runner's targets from which on it is told; they are repeated."""
     target_posture_s: float = 0.060
     """Age of the targets beyond which the motors go back to the posture, at `step_rad` per 20 ms."""
@@ -26,19 +29,19 @@ class GuardLimits:
     """Age of the targets beyond which motors damp: with a tick of the guard and its lateness, within 100 ms."""
     refused_targets: int = 3
     """So many refused targets in a row end in damping."""
-    range_rad: float = 1.2
-    """How far beyond a joint's range a target may be; a good walk presses ankles by targets 0.9 rad beyond (measured).
-    What is sent stays within the range, and the excess becomes a torque."""
-    step_rad: float = 0.7
-    """Largest change of a target within 20 ms; in a good walk 0.47 (measured)."""
+    range_rad: float = _COMMAND.target_margin_rad
+    """How far beyond a joint's range a target may be. What is sent stays within the range, the excess becomes a
+    torque."""
+    step_rad: float = _COMMAND.step_rad
+    """Largest change of a target within 20 ms."""
     torque_share: float = 1.6
     """Largest torque that a target may ask of its servo, as a share of the joint's limit; in a good walk 1.22
     (measured). What is sent asks for at most 1."""
-    lean_rad: float = 1.0
+    lean_rad: float = _MEASURED.tilt_rad
     """Lean of the pelvis beyond which the robot falls."""
-    joint_rad_s: float = 30.0
-    """Measured joint speed beyond which it falls; in a good walk 23.9 (measured)."""
-    gyro_rad_s: float = 6.0
+    joint_rad_s: float = _MEASURED.joint_speed_rad_s
+    """Measured joint speed beyond which it falls."""
+    gyro_rad_s: float = _MEASURED.gyro_rad_s
     """Turning of the pelvis about any of its axes beyond which it falls."""
     jump_rad: float = 0.10
     """How much further than `joint_rad_s` allows an angle may be from the one before: else the state is refused."""

@@ -10,9 +10,11 @@ from types import FrameType
 from hotice.deploy.clock import Clock
 from hotice.deploy.guard.commands import damping
 from hotice.deploy.guard.config import GuardConfig
+from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.guard import Event, Guard
 from hotice.deploy.guard.loop import Lateness, run_loop
 from hotice.deploy.guard.modes import Mode, Request
+from hotice.deploy.guard.scheduling import give_way, take_precedence
 from hotice.deploy.link.protocol import Link, LinkError
 from hotice.deploy.slot.slot import GuardSlot
 
@@ -62,6 +64,11 @@ def run_guard(
     # what was made until now is never looked at again: no pauses of the collector over a large heap
     gc.collect()
     gc.freeze()
+    first = take_precedence()
+    if not first:
+        on_event(
+            Event(clock.now(), Mode.OFF, Cause.NONE, "not allowed to run before other processes: ticks may be late")
+        )
     ended_well = False
     try:
         seen = run_loop(guard.tick, clock, guard.config.rate_hz, lambda: not ending.over(guard.mode), lateness)
@@ -72,6 +79,8 @@ def run_guard(
             last_words(link, clock, guard.config.rate_hz)
         for number, handler in before.items():
             signal.signal(number, handler)
+        if first:
+            give_way()
         gc.unfreeze()
 
 

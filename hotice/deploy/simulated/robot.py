@@ -16,15 +16,15 @@ from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.simulated.config import SimulatedRobotConfig
 from hotice.deploy.simulated.gantry import Gantry
 from hotice.deploy.simulated.handing import Handing
-from hotice.deploy.simulated.localization import Localization
 from hotice.deploy.simulated.mishaps import Mishaps
 from hotice.deploy.simulated.motors import LIMP, MotorCommand
 from hotice.deploy.simulated.outgoing_states import OutgoingStates
 from hotice.deploy.simulated.remote import SimulatedRemote
+from hotice.deploy.simulated.senses.localization import Localization
+from hotice.deploy.simulated.senses.states import StateWriter
+from hotice.deploy.simulated.senses.tag_sight import CORNER_PX, LATENCY_S, TagSight
 from hotice.deploy.simulated.start import hang
-from hotice.deploy.simulated.states import StateWriter
 from hotice.deploy.simulated.suffering import Suffering
-from hotice.deploy.simulated.tag_sight import CORNER_PX, LATENCY_S, TagSight
 from hotice.deploy.simulated.world import STEP_S, World
 from hotice.deploy.sources.protocol import Sender
 from hotice.deploy.tags import box_bundle
@@ -36,6 +36,7 @@ from hotice.task.sensing import STUDENT_SENSING, draw_delays
 
 GIVE_KEY, LOWER_KEY = "F1", "F2"
 """Keys of the gamepad by which whoever stands beside the robot gives it the object, and lowers the gantry."""
+OWN_CONTROLLER = "ai"
 LATE_STEPS = 10
 """A control step, by which states come late in half of all episodes."""
 DAMPED = LIMP._replace(kd=np.full(29, DAMPING_KD), on=np.ones(29, bool))
@@ -88,6 +89,7 @@ class SimulatedRobot:
         self.remote = SimulatedRemote()
         self.told = LIMP if held else self.world.holding()
         """What the motors do now."""
+        self._own = not held
         self.world.motors.command(self.told)
         self._open_senses(pose, tags)
         self._due: deque[tuple[float, MotorCommand]] = deque()
@@ -129,6 +131,24 @@ class SimulatedRobot:
     def time_s(self) -> float:
         """Since the start [s]."""
         return self.steps * STEP_S
+
+    @property
+    def controller(self) -> str:
+        """Name of its own controller, which holds it at the start `standing` until it is released or commanded."""
+        return OWN_CONTROLLER if self._own else ""
+
+    @property
+    def failure(self) -> str:
+        """A fall, or a drop of an object that it was given, by its name in `hotice.task.rules`; empty for none."""
+        failure = self.world.failure
+        return "" if failure == "drop" and self.handing.stage != "gone" else failure
+
+    def release(self) -> None:
+        """Releases its own controller: limp at once, as the real one; what steadies it does so until a command."""
+        if self._own:
+            self._own = False
+            self.told = LIMP
+            self.world.motors.command(LIMP)
 
     def press(self, *keys: str, for_s: float = 0.2) -> None:
         """Presses keys of the gamepad. Raises `UnknownName`."""
@@ -173,6 +193,7 @@ class SimulatedRobot:
     def _obey(self, told: MotorCommand) -> None:
         if self.config.start == "standing" and np.any(told.on):
             self.gantry.let_go()
+        self._own = False
         self.told = told
         self.world.motors.command(told)
 

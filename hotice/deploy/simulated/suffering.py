@@ -8,11 +8,11 @@ import numpy as np
 
 from hotice.deploy.command import DAMPING_KD, CheckedCommand
 from hotice.deploy.link.protocol import RobotEnd
-from hotice.deploy.simulated.localization import Localization
 from hotice.deploy.simulated.mishaps import Mishaps
 from hotice.deploy.simulated.remote import SimulatedRemote
-from hotice.deploy.simulated.states import StateWriter
-from hotice.deploy.simulated.tag_sight import TagSight
+from hotice.deploy.simulated.senses.localization import Localization
+from hotice.deploy.simulated.senses.states import StateWriter
+from hotice.deploy.simulated.senses.tag_sight import TagSight
 from hotice.deploy.simulated.world import World
 
 PUSH_M_S, JUMP_M, TURN_RAD = 1.0, 0.2, math.radians(30.0)

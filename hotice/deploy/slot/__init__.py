@@ -2,3 +2,14 @@
 
 NumPy and the standard library only. Linux: files in /dev/shm, locks of open files.
 """
+
+from typing import TYPE_CHECKING
+
+from hotice.lazy import lazy_face
+
+if TYPE_CHECKING:
+    from hotice.deploy.slot.slot import GuardSlot, RunnerSlot, SlotError
+else:
+    __getattr__, __dir__ = lazy_face(__name__)
+
+__all__ = ["GuardSlot", "RunnerSlot", "SlotError"]

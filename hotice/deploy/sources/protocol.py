@@ -23,9 +23,10 @@ class Received(Generic[T_co]):
     number: int
     """How many samples were taken, this one included; the same number is the same sample."""
     received_s: float
-    """When it came, at the latest, on the reader's clock [s]."""
+    """When it came, on the reader's clock [s]; where this is not known, the earliest that it can have come."""
     age_s: float
-    """Since then [s]. How long it was on its way is not in it: no sender's clock is trusted."""
+    """Since then [s]: over UDP an upper bound, at least the time between two reads. How long it was on its way is not
+    in it, since no sender's clock is trusted."""
 
 
 @dataclass(frozen=True, kw_only=True)

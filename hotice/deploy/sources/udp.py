@@ -25,6 +25,7 @@ class UdpSource(Generic[N]):
         """Listens on `port` (0: any free one) of the address `host`. Raises `LinkError`."""
         self._clock = clock or MonotonicClock()
         self._inbox = SourceInbox(self._clock, decode)
+        self._since_s = self._clock.now()
         self._socket: socket.socket | None = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -37,12 +38,15 @@ class UdpSource(Generic[N]):
     def newest(self) -> Received[N] | None:
         if self._socket is None:
             raise LinkError("this source is closed")
+        # read before taking: what comes in between is left for the next take
+        since_s, now_s = self._since_s, self._clock.now()
         for _ in range(TAKEN_AT_ONCE):
             try:
                 data = self._socket.recv(LARGEST)
             except BlockingIOError:
+                self._since_s = now_s
                 break
-            self._inbox.offer(data, self._clock.now())
+            self._inbox.offer(data, since_s)
         return self._inbox.newest()
 
     def counts(self) -> SourceCounts:

@@ -46,6 +46,10 @@ class DistillConfig(TrainConfig):
         checks.whole("aggregate", self.aggregate, Range(least=1, most=64, unit="rollouts"))
         checks.number("exploration", self.exploration, checks.SHARE)
 
+    def begins_from(self) -> tuple[Path, ...]:
+        generalist = () if self.generalist is None else (self.generalist,)
+        return (*super().begins_from(), *self.teachers, *generalist)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FinetuneConfig(TrainConfig):

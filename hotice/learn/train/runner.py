@@ -10,7 +10,7 @@ from torch import Tensor
 
 from hotice.errors import OutputError
 from hotice.learn import distributed
-from hotice.learn.checkpoints.checkpoint import list_checkpoints, updates_of
+from hotice.learn.checkpoints.checkpoint import list_checkpoints, read_meta, resolve, updates_of
 from hotice.learn.checkpoints.health import check_network, check_physics
 from hotice.learn.ppo.gae import gae
 from hotice.learn.train.config import TrainConfig, write_config
@@ -26,6 +26,10 @@ class Runner(Run):
     """Runner of one training; checkpoints hold all that later updates depend on, so resuming is exact to the bit."""
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
+        resumes = config.resume and bool(list_checkpoints(config.out))
+        for path in config.begins_from():  # read before anything is built
+            if not (resumes and path == config.init):
+                read_meta(resolve(path))
         super().__init__(config, env)
         self._saved_at = time.monotonic()
         if config.init is not None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hotice.deploy.camera import HEAD_CAMERA, Camera
 from hotice.deploy.frames import X_TC, Pose
-from hotice.deploy.simulated.posting import Posting
+from hotice.deploy.simulated.senses.posting import Posting
 from hotice.deploy.simulated.world import World
 from hotice.deploy.sources.protocol import Sender
 from hotice.deploy.sources.records import TagSample

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.deploy.messages.hg import BMS_STATE, JOINTS, LOW_STATE, PITCH_ROLL
-from hotice.deploy.simulated.inertial import UP, Imu, conjugate, product, roll_pitch_yaw, rotated, tilted
+from hotice.deploy.simulated.senses.inertial import UP, Imu, conjugate, product, roll_pitch_yaw, rotated, tilted
 from hotice.deploy.simulated.world import STEP_S, World
 from hotice.model import g1
 from hotice.model.frames import quat_from_yaw, yaw_from_quat

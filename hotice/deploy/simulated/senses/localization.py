@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.deploy.frames import WAIST, Pose, lidar_in_pelvis
-from hotice.deploy.simulated.posting import Posting
+from hotice.deploy.simulated.senses.posting import Posting
 from hotice.deploy.simulated.world import World
 from hotice.deploy.sources.protocol import Sender
 from hotice.deploy.sources.records import PoseSample
