@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
-    from hotice.deploy.tags.bundle import TagBundle, box_bundle
+    from hotice.deploy.tags.box_pose import BoxPoseConfig, BoxPoser, BoxSighting
+    from hotice.deploy.tags.bundle import TagBundle, TagFace, box_bundle
+    from hotice.deploy.tags.detector import Detection, TagDetector
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
-__all__ = ["TagBundle", "box_bundle"]
+__all__ = ["BoxPoseConfig", "BoxPoser", "BoxSighting", "Detection", "TagBundle", "TagDetector", "TagFace", "box_bundle"]
