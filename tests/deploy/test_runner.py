@@ -1,5 +1,7 @@
 """The runner: what it estimates, what it gives the guard in each mode, and a carry from the gantry to the goal."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,8 +16,9 @@ from hotice.fields import build_hod_pf
 from hotice.model import builder, g1, load_scene
 from hotice.model.frames import quat_conj, quat_from_axis_angle, quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.robot_state import RobotState
+from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.policy import PerceptModel, open_policy, read_fields
-from hotice.policy.action import standing
+from hotice.policy.guidance import read_standing
 from tests.deploy.simulated_fixture import Lab
 from tests.deploy.simulated_fixture import carry as solved
 
@@ -161,10 +164,37 @@ def test_targets_by_mode(policy, pf, carry, rng):
         desk.tick(Mode.READY, robot)  # forgets the action before
         ours = CarryPolicy(policy, carry)
         reading = read_fields(pf, percept, ours.task)
-        expected = ours.act(percept, reading if mode is Mode.CARRY else standing(reading))
+        here = np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
+        expected = ours.act(
+            percept, reading if mode is Mode.CARRY else read_standing(reading, percept, here, ours.task)
+        )
         targets = desk.tick(mode, robot)
         np.testing.assert_allclose(targets["q"], desk.runner.all_joints(expected), atol=1e-4)
         assert np.abs(targets["q"] - rest).max() > 0.01
+
+
+def test_who_stands_is_drawn_back_to_where_standing_began(policy, pf, carry, rng):
+    robot = a_robot(carry, rng)
+    poses = Poses(robot)
+    desk = Desk(policy, pf, carry, poses)
+    ours = CarryPolicy(policy, carry)
+    place = np.array([*robot.p_WP[:2], GOAL_HEIGHT_M])
+    for i, mode in enumerate((Mode.CARRY, Mode.HOLD, Mode.HOLD, Mode.LOWER)):
+        p_WP = robot.p_WP + [0.02 * max(i - 1, 0), 0.0, 0.0]
+        poses.pelvis = SeenPose(p_WP, robot.quat_WP, 0.1 * i)
+        moved = replace(robot, p_WP=p_WP, p_WO=robot.p_WO + p_WP - robot.p_WP)
+        percept = PerceptModel(carry.carried)(*moved.to_mujoco(29))
+        reading = read_fields(pf, percept, ours.task)
+        if mode is not Mode.CARRY:
+            reading = read_standing(reading, percept, place, ours.task)
+        expected = ours.act(percept, reading)
+        np.testing.assert_allclose(desk.tick(mode, robot)["q"], desk.runner.all_joints(expected), atol=1e-4)
+    walked = ours.task.speed_m_s
+    assert reading.goal_distance[0] == pytest.approx(0.04) and 0.0 < reading.speed[0] < walked
+    # who walked on in between stands where it stops next
+    desk.tick(Mode.CARRY, robot)
+    desk.tick(Mode.HOLD, robot)
+    np.testing.assert_allclose(desk.runner._place_W, [*p_WP[:2], GOAL_HEIGHT_M])
 
 
 def test_joints_that_the_policy_does_not_move(policy, pf, carry, rng):
