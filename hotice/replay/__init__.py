@@ -10,8 +10,9 @@ if TYPE_CHECKING:
     from hotice.replay.import_picture import write_import_picture
     from hotice.replay.maps import draw_map
     from hotice.replay.picture import film_strip, write_overview
-    from hotice.replay.rollout import InvalidRollout, RolloutRecord
+    from hotice.replay.rollout import RolloutRecord
     from hotice.replay.scene_view import scene_page
+    from hotice.replay.shown import InvalidRollout
     from hotice.replay.slices import draw_descent, draw_slice
     from hotice.replay.video import write_video
     from hotice.task.rules import OUTCOMES
