@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
+    from hotice.replay.events import RolloutEvent
     from hotice.replay.explorer import field_explorer
     from hotice.replay.html import write_html
     from hotice.replay.import_picture import write_import_picture
@@ -22,6 +23,7 @@ else:
 __all__ = [
     "InvalidRollout",
     "OUTCOMES",
+    "RolloutEvent",
     "RolloutRecord",
     "draw_descent",
     "draw_map",

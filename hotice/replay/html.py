@@ -81,6 +81,10 @@ def _pack(record: RolloutRecord) -> dict[str, Any]:
         "carried": describe(record.carried),
         "obstacle_text": ", ".join(f"{n} {c}" for c, n in counts.items() if n) or "none",
         "time": [round(float(t), 4) for t in record.time_s - record.time_s[0]],
+        "events": [
+            {"time": round(e.time_s - float(record.time_s[0]), 4), "kind": e.kind, "text": e.text}
+            for e in record.events
+        ],
         "geoms": [
             {"type": kind, "size": size.tolist(), "rgba": rgba.round(3).tolist(), "object": bool(is_object)}
             for kind, size, rgba, is_object in zip(

@@ -7,7 +7,8 @@ import json
 import tempfile
 import zipfile
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from hotice.files import read_bytes, write_bytes
 from hotice.model.geometry.shapes import MeshShape
 from hotice.model.objects import CarriedObject, object_from_dict
 from hotice.model.scene import Scene
+from hotice.replay.events import RolloutEvent
 from hotice.replay.shown import GROUPS, InvalidRollout, ShownSolids
 from hotice.replay.solids import SOLIDS
 from hotice.task.rules import OUTCOMES
@@ -67,6 +69,8 @@ class RolloutRecord:
     """(K,) True where the vector is of the Object-Centric Guidance Field, False for the Standard one."""
     outcome: str
     policy: str
+    events: tuple[RolloutEvent, ...] = ()
+    """In the order of time."""
 
     def __post_init__(self) -> None:
         frames, solids, arrows = len(self.time_s), len(self.geom_names), len(self.arrow_is_ogf)
@@ -98,6 +102,8 @@ class RolloutRecord:
             raise InvalidRollout(f"a record of {frames} frames and {solids} solids: at least one of each is needed")
         if (np.diff(self.time_s) <= 0).any():
             raise InvalidRollout("time_s must grow from frame to frame")
+        if any(b.time_s < a.time_s for a, b in pairwise(self.events)):
+            raise InvalidRollout("events must be in the order of time")
         if len(self.geom_types) != solids:
             raise InvalidRollout(f"{len(self.geom_types)} geom_types for {solids} geom_names")
         for kind, known in ((self.outcome, OUTCOMES), *((t, SOLIDS) for t in self.geom_types)):
@@ -218,9 +224,13 @@ class RolloutRecord:
             "geom_types": self.geom_types,
             "outcome": self.outcome,
             "policy": self.policy,
+            "events": [asdict(event) for event in self.events],
         }
         arrays = {k: v.astype(np.float32) if v.dtype == float else v for k, v in arrays.items() if k not in text}
         arrays["time_s"] = self.time_s
+        if not self.events:
+            # readers of before there were events read it, too
+            del text["events"]
         shapes = [o.shape for o in self.scene.obstacles]
         meshes = {shape.file: shape.path for shape in shapes if isinstance(shape, MeshShape)}
         text["meshes"] = list(meshes)
@@ -247,6 +257,7 @@ class RolloutRecord:
             folder = _unpack_meshes(text.pop("meshes"), arrays)
             text["scene"] = Scene.from_dict(text["scene"], folder=folder)
             text["carried"] = object_from_dict(text["carried"])
+            text["events"] = tuple(RolloutEvent(**event) for event in text.get("events", ()))
             return cls(**text, **arrays)
         except InputError as error:
             raise InvalidRollout(str(error)) from None

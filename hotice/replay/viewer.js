@@ -270,6 +270,27 @@
       return [dt, dd];
     }));
   }
+  // Marks above the slider, and a list whose rows lead to their time; what is over is bold.
+  function tell(record) {
+    const [first, last] = [record.time[0], record.time[record.time.length - 1]];
+    const inside = (t) => Math.min(Math.max(t, first), last);
+    $("story").hidden = record.events.length === 0;
+    $("marks").replaceChildren(...record.events.map((event) => {
+      const mark = document.createElement("i");
+      mark.className = event.kind;
+      mark.title = event.text;
+      mark.style.left = `${last > first ? 100 * (inside(event.time) - first) / (last - first) : 0}%`;
+      return mark;
+    }));
+    $("events").replaceChildren(...record.events.map((event) => {
+      const [row, button] = [document.createElement("li"), document.createElement("button")];
+      button.className = event.kind;
+      button.textContent = `${event.time.toFixed(2)} s  ${event.text}`;
+      button.addEventListener("click", () => { setPlaying(false); state.time = inside(event.time); });
+      row.append(button);
+      return row;
+    }));
+  }
   function select(index) {
     state.index = (index + page.records.length) % page.records.length;
     const record = page.records[state.index];
@@ -283,6 +304,7 @@
     $("time").min = record.time[0];
     $("time").max = record.time[record.time.length - 1];
     describe(record);
+    tell(record);
     followed = null;
     frame("angle");
   }
@@ -371,6 +393,8 @@
     }
     sun.target.position.set(root[0], root[1], 0);
     sun.position.set(root[0] - 1.6, root[1] - 2.2, 5.5);
+    record.events.forEach((event, i) =>
+      $("events").children[i].firstChild.classList.toggle("past", event.time <= state.time));
     $("time").value = String(state.time);
     $("clock").textContent = `${state.time.toFixed(2)} / ${end.toFixed(2)} s`;
     orbit.update();
