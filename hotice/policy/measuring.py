@@ -61,17 +61,15 @@ def measure(
     seen = np.concatenate([true.p_WP + config.root_pos_m * u_root, true.yaw + config.root_yaw_rad * u_yaw])
     down_P = gravity_P
     if config.gravity or config.gyro_rad_s:
-        predicted = estimate[_DOWN] + dt_s * np.cross(estimate[_DOWN], w_WP_P)
-        down_P = _blend(predicted, gravity_P, tilt_gain)
-        down_P = down_P / np.linalg.norm(down_P)
+        down_P = track_gravity(estimate[_DOWN], gravity_P, w_WP_P, tilt_gain, dt_s)
     if config.root_tracking and dt_s:
         root = track_root(estimate[: _DOWN.start], seen if refresh else None, -float(down_P @ w_WP_P), hold_s, dt_s)
     elif refresh:
-        root = np.concatenate([seen[:3], np.sin(seen[3:]), np.cos(seen[3:]), np.zeros(3)])
+        root = root_at(seen)
     else:
         root = estimate[: _DOWN.start]
     p_WP = root[_PLACE].copy()
-    yaw = np.arctan2(root[3:4], root[4:5])
+    yaw = heading(root)
     R_WP = attitude(true.yaw[0], true.gravity_P)
     R_EW = attitude(yaw[0], down_P) @ R_WP.T  # into the estimated world frame
     q = true.q + joint_offset + config.joint_pos_rad * u_q
@@ -80,13 +78,10 @@ def measure(
     tilt = config.object_rot_rad * u_rot
     R_tilt = quat_to_mat(quat_from_axis_angle(tilt, np.linalg.norm(tilt)))
     newest = np.vstack([p_PO, (R_tilt @ true.R_WO)[:, :2].T]) @ R_WP
-    seen_object = newest if gain >= 1.0 else _blend(estimate[_OBJECT].reshape(3, 3), newest, gain)
+    seen_object = newest if gain >= 1.0 else blend(estimate[_OBJECT].reshape(3, 3), newest, gain)
     if gain < 1.0:
         p_PO, x, y = seen_object @ R_WP.T
-        x = x / np.linalg.norm(x)
-        z = np.cross(x, y)
-        z = z / np.linalg.norm(z)
-        R_tilt = np.column_stack([x, np.cross(z, x), z]) @ true.R_WO.T
+        R_tilt = right_angled(x, y) @ true.R_WO.T
     p_WO = p_WP + R_EW @ p_PO
     arms = true.p_WOK - true.p_WO
     percept = Percept.of(
@@ -121,8 +116,38 @@ def track_root(root: Array, seen: Array | None, turning: float, hold_s: float, d
     return np.concatenate([place, [np.sin(yaw), np.cos(yaw)], velocity])
 
 
-def _blend(old: Array, new: Array, gain: float) -> Array:
+def root_at(seen: Array) -> Array:
+    """The root (8,), see `track_root`, at rest where it is seen (4,)."""
+    return np.concatenate([seen[:3], np.sin(seen[3:]), np.cos(seen[3:]), np.zeros(3)])
+
+
+def heading(root: Array) -> Array:
+    """Heading (1,) of a root (8,) [rad]."""
+    return np.arctan2(root[3:4], root[4:5])
+
+
+def track_gravity(down_P: Array, gravity_P: Array, w_WP_P: Array, gain: float, dt_s: float) -> Array:
+    """The direction of gravity (3,) one measurement later: turned by the gyro, corrected by what is measured.
+
+    Args:
+        down_P: (3,) the last one. gravity_P: (3,) measured. w_WP_P: (3,) gyro [rad/s].
+        gain: weight of what is measured; 1 forgets all else. dt_s: time that passed [s].
+    """
+    down_P = blend(down_P + dt_s * np.cross(down_P, w_WP_P), gravity_P, gain)
+    return down_P / np.linalg.norm(down_P)
+
+
+def blend(old: Array, new: Array, gain: float) -> Array:
+    """From the old towards the new by a share of their difference: a low-pass filter."""
     return old + gain * (new - old)
+
+
+def right_angled(x: Array, y: Array) -> Array:
+    """Rotation (3, 3) whose first axis is along x (3,), its second towards y (3,)."""
+    x = x / np.linalg.norm(x)
+    z = np.cross(x, y)
+    z = z / np.linalg.norm(z)
+    return np.column_stack([x, np.cross(z, x), z])
 
 
 def attitude(yaw: float, down_P: Array) -> Array:
