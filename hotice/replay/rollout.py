@@ -6,7 +6,7 @@ import io
 import json
 import tempfile
 import zipfile
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from itertools import pairwise
 from pathlib import Path
@@ -160,6 +160,7 @@ class RolloutRecord:
         arrow_pos_W: ArrayLike | None = None,
         arrow_force_W: ArrayLike | None = None,
         arrow_is_ogf: ArrayLike | None = None,
+        events: Iterable[RolloutEvent] = (),
         groups: Collection[int] = GROUPS,
         root_body: str = "pelvis",
         object_body: str = "object",
@@ -179,6 +180,7 @@ class RolloutRecord:
             arrow_pos_W: (T, K, 3) or None for a record without arrows.
             arrow_force_W: (T, K, 3).
             arrow_is_ogf: (K,).
+            events: on the time line.
             groups: MuJoCo geom groups that are shown.
             root_body: body whose position is the root's.
             object_body: body of the carried object.
@@ -209,6 +211,7 @@ class RolloutRecord:
             object_pos_W=object_pos,
             outcome=outcome,
             policy=policy,
+            events=tuple(events),
             **solids.described(),
             **arrows,
         )

@@ -51,8 +51,8 @@ ESTIMATE = np.dtype(
         ("pose_age_s", "<f8"),
         ("box_age_s", "<f8"),
         ("disputed", "u1"),
-        ("pose_verdict", "S24"),
-        ("box_verdict", "S24"),
+        ("pose_verdict", "S40"),
+        ("box_verdict", "S40"),
     ]
 )
 """`hotice.deploy.runner.estimator.Estimate`."""
