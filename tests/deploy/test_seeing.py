@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from hotice.commands.program import main
 from hotice.deploy.log.writer import LogWriter
 from hotice.deploy.seeing import read_run, rollout_record
 from hotice.errors import InputError
@@ -83,6 +84,21 @@ def test_the_page_has_frames_and_events(record, tmp_path):
     (shown,) = json.loads(re.search(r'id="data">(.*?)</script>', text, re.S)[1])["records"]
     assert [round(e["time"], 6) for e in shown["events"]] == [-0.7, 0.3, 0.8, 0.8, 1.0, 1.3]
     assert shown["time"][-1] == pytest.approx(0.02 * (FRAMES - 1))
+
+
+def test_the_command_writes_both_files(folder, tmp_path, capsys):
+    page, bag = tmp_path / "page.html", tmp_path / "run.mcap"
+    assert main(["robot-replay", str(folder), "--html", str(page)]) == 0
+    said = capsys.readouterr().out
+    assert f"gap, student: {FRAMES} moments in 1.78 s, 6 events" in said and str(page) in said
+    assert "leans by 1.1 rad" in page.read_text(encoding="utf-8")
+    assert main(["robot-replay", str(folder)]) == 2
+    assert "give --html page.html, --mcap run.mcap or both" in capsys.readouterr().err
+    assert main(["robot-replay", str(tmp_path / "none"), "--html", str(page)]) == 2
+    assert "no such folder" in capsys.readouterr().err
+    pytest.importorskip("mcap")
+    assert main(["robot-replay", str(folder), "--mcap", str(bag)]) == 0
+    assert bag.read_bytes().startswith(b"\x89MCAP0")
 
 
 def test_without_a_guard_s_log_the_runner_s_modes_are_told(tmp_path):
