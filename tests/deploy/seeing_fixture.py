@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -79,7 +80,9 @@ def reading_at(i: int) -> FieldReading:
 def status_at(i: int) -> np.ndarray:
     t = START_S + STEP_S * i
     status = np.zeros((), STATUS)
-    mode, cause = [(mode, cause) for began_s, mode, cause, _ in EVENTS if began_s <= t][-1]
+    # its cause is that of the mode
+    entered = [EVENTS[0], *(event for before, event in pairwise(EVENTS) if event[1] is not before[1])]
+    mode, cause = [(mode, cause) for began_s, mode, cause, _ in entered if began_s <= t][-1]
     status["mode"], status["cause"], status["sequence"], status["received_s"] = mode, cause, 10 * i + 1, t - 0.004
     status["state"]["motor_state"]["q"][JOINTS] = robot_at(i).joint_pos
     return status

@@ -12,7 +12,7 @@ import numpy as np
 
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.modes import Mode
-from hotice.deploy.seeing.moments import quat_of_pelvis
+from hotice.deploy.seeing.moments import quat_of_pelvis, verdicts_of
 from hotice.deploy.seeing.recorded import RecordedRun, named
 from hotice.deploy.seeing.rollout import shown_events
 from hotice.errors import InvalidConfig, MissingExtra
@@ -126,7 +126,7 @@ def messages(run: RecordedRun) -> Iterator[Message]:
 
 def _estimate(shown: np.ndarray) -> dict[str, Any]:
     estimate = shown["estimate"]
-    percept = estimate["percept"]
+    percept, (pose, box) = estimate["percept"], verdicts_of(shown)
     return {
         "p_WP": percept["p_WP"],
         "quat_WP": quat_of_pelvis(shown),
@@ -135,8 +135,8 @@ def _estimate(shown: np.ndarray) -> dict[str, Any]:
         "quat_WO": mat_to_quat(percept["R_WO"]),
         "pose_age_s": estimate["pose_age_s"],
         "box_age_s": estimate["box_age_s"],
-        "pose_verdict": estimate["pose_verdict"].decode(errors="replace"),
-        "box_verdict": estimate["box_verdict"].decode(errors="replace"),
+        "pose_verdict": pose,
+        "box_verdict": box,
         "disputed": bool(estimate["disputed"]),
         "state_age_s": shown["state_age_s"],
         "late_s": shown["late_s"],

@@ -89,6 +89,12 @@ def state_of(shown: np.ndarray) -> Array:
     )
 
 
+def verdicts_of(shown: np.ndarray) -> tuple[str, str]:
+    """What a moment () says of the newest pose of localization and of the newest look at the object."""
+    pose, box = (np.asarray(shown["estimate"][name]).item() for name in ("pose_verdict", "box_verdict"))
+    return pose.decode(errors="replace"), box.decode(errors="replace")
+
+
 def arrows_of(shown: np.ndarray) -> tuple[Array, Array]:
     """Points (19, 3) [m] and field vectors (19, 3) there, both in W; vectors of zero where no fields were read."""
     percept = shown["estimate"]["percept"]
