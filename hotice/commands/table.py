@@ -17,6 +17,7 @@ from hotice.commands.configs import (
     ReproduceConfig,
     TrainConfig,
 )
+from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.files import check_folder, check_writable
 from hotice.owner import check_unowned
@@ -125,6 +126,14 @@ def robot_sim(config: Flat[RobotSimConfig]) -> int:
     return 0
 
 
+def deploy(config: Flat[DeployConfig]) -> int:
+    """Have a robot, simulated or real, carry its object to a scene's goal."""
+    from hotice.commands.deploy.run import deploy as run
+
+    run(config)
+    return 0
+
+
 def scene() -> int:
     """Import, show, check, list and generate scenes: see `hotice scene --help`."""
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
@@ -152,5 +161,6 @@ COMMANDS = {
     "tables": tables,
     "benchmark": benchmark,
     "robot-sim": robot_sim,
+    "deploy": deploy,
     "scene": scene,
 }
