@@ -17,6 +17,7 @@ from hotice.commands.configs import (
     ReproduceConfig,
     TrainConfig,
 )
+from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.robot_replay import RobotReplayConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.files import check_folder, check_writable
@@ -134,6 +135,14 @@ def robot_replay(config: Flat[RobotReplayConfig]) -> int:
     return 0
 
 
+def deploy(config: Flat[DeployConfig]) -> int:
+    """Have a robot, simulated or real, carry its object to a scene's goal."""
+    from hotice.commands.deploy.run import deploy as run
+
+    run(config)
+    return 0
+
+
 def scene() -> int:
     """Import, show, check, list and generate scenes: see `hotice scene --help`."""
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
@@ -162,5 +171,6 @@ COMMANDS = {
     "benchmark": benchmark,
     "robot-sim": robot_sim,
     "robot-replay": robot_replay,
+    "deploy": deploy,
     "scene": scene,
 }

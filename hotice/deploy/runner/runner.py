@@ -54,11 +54,20 @@ class RobotRunner:
         self._targets = np.zeros((), TARGETS)
         self._targets["q"] = self.all_joints(self.policy.rest)
         self._place_W: Array | None = None
+        self.estimate: Estimate | None = None
+        """The newest."""
 
     @property
     def period_s(self) -> float:
         """Time between two ticks [s]."""
         return self.policy.task.control_dt_s
+
+    @property
+    def goal_m(self) -> float | None:
+        """Distance from the goal [m], None while it is not known."""
+        if self.estimate is None:
+            return None
+        return float(np.linalg.norm(self.estimate.percept.p_WP[:2] - self._pf.scene.goal_W[:2]))
 
     def warm(self) -> None:
         """Runs percept, fields and policy a few times at the start of the scene; until then no guard moves anything."""
@@ -85,6 +94,7 @@ class RobotRunner:
             return
         mode = Mode(int(status["mode"]))
         estimate = self._estimator.update(status["state"], began_s) if status["sequence"] else None
+        self.estimate = estimate
         q = self._moving(mode, estimate) if mode in DRIVEN else self._resting()
         if q is None:
             return
