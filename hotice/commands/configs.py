@@ -11,6 +11,7 @@ import tyro
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.recipes import ReproduceConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.errors import InvalidConfig
@@ -183,6 +184,7 @@ OPTIONS: Mapping[str, type] = {
     "play": PlayConfig,
     "benchmark": BenchmarkConfig,
     "robot-sim": RobotSimConfig,
+    "deploy": DeployConfig,
 }
 """Types of the options of each command that has any; `hotice scene` is a group of its own."""
 

@@ -26,6 +26,7 @@ COMMANDS = (
     "tables",
     "benchmark",
     "robot-sim",
+    "deploy",
 )
 NAN, INF = float("nan"), float("inf")
 
