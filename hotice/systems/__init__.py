@@ -13,6 +13,7 @@ if find_spec("pydrake") is None:
     raise MissingExtra("hotice.systems", "Drake", "drake")
 
 if TYPE_CHECKING:
+    from hotice.systems.faulty import InjectedFault, lost_box
     from hotice.systems.logs import SignalLog, read_logs
     from hotice.systems.record.hand_over import HandOverReport, report_hand_over
     from hotice.systems.record.picture import write_diagram, write_station_page
@@ -28,12 +29,14 @@ else:
 
 __all__ = [
     "HandOverReport",
+    "InjectedFault",
     "RehearsalConfig",
     "SafetyLimits",
     "SafetyMonitor",
     "SignalLog",
     "Station",
     "StationConfig",
+    "lost_box",
     "make_station",
     "open_meshcat",
     "play_station",

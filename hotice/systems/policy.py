@@ -13,9 +13,10 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from hotice.model.carry import CarryState
+from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.policy import PolicySession, PolicyTask
-from hotice.policy.action import next_action, standing
-from hotice.policy.guidance import FieldReading
+from hotice.policy.action import next_action
+from hotice.policy.guidance import FieldReading, read_standing
 from hotice.policy.observation import Carrying, layout_of, observe, remember
 from hotice.policy.percept import Percept
 from hotice.policy.policy_file import check_layout
@@ -25,10 +26,10 @@ from hotice.systems.signals import ANSWER, GUIDANCE, NUM_JOINTS, PERCEPT
 from hotice.task import history
 
 Array = NDArray[np.float64]
-TARGET, MEMORY, STATE = range(3)
+TARGET, MEMORY, STATE, PLACE = range(4)
 """Groups of the state: joint target (20,) [rad]; last action (20,), the target before (20,) [rad], step clock [rad],
 time of the action [s] and, for a policy with a history, what was read in the steps before; the status, see
-`signals`."""
+`signals`; where it was told to stand (3,) [m], NaN while it walks."""
 ACTION, HELD, PHASE, SINCE, PAST = slice(0, 20), slice(20, 40), 40, 41, slice(42, None)
 
 
@@ -39,10 +40,10 @@ class PolicySystem(LeafSystem):
     step that begins now feels the action made from the state now.
 
     Inputs `percept` (119,), `guidance` (122,); `active` (1,), optional: while it is 0 the policy rests, its clock
-    stands and the target is the carry state's; `answer` (2,), optional: while it says so, the policy reads a command of
-    zero and stands. Outputs `joint_target` (20,) [rad], absolute; `action` (20,), unitless; `status` (2,): see
-    `signals`. The state holds the last action, the last two targets, the step clock, when the action was made and the
-    history.
+    stands and the target is the carry state's; `answer` (2,), optional: while it says so, and while guidance is not
+    finite, the policy reads fields whose goal is where it is, and stands. Outputs `joint_target` (20,) [rad], absolute;
+    `action` (20,), unitless; `status` (2,): see `signals`. The state holds the last action, the last two targets, the
+    step clock, when the action was made and the history.
 
     An observation or an action that is not finite, and an exception among `CONTROLLER_ERRORS`, are faults in `status`:
     target and memory stay as they were, and `message` says what happened last.
@@ -69,7 +70,9 @@ class PolicySystem(LeafSystem):
         self._phase_step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
         past = np.zeros(self.task.history * history.FRAME)
         self._rest = (self._target, np.concatenate([np.zeros(NUM_JOINTS), self._target, [phase_rad, -1.0], past]))
-        groups = [self.DeclareDiscreteState(rest) for rest in (*self._rest, np.array([np.nan, 0.0]))]
+        groups = [
+            self.DeclareDiscreteState(rest) for rest in (*self._rest, np.array([np.nan, 0.0]), np.full(3, np.nan))
+        ]
         self.DeclareAbstractState(AbstractValue.Make(Message()))
         self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
         self._guidance = self.DeclareVectorInputPort("guidance", GUIDANCE)
@@ -91,14 +94,29 @@ class PolicySystem(LeafSystem):
 
     def observation(self, context: Context) -> NDArray[np.float32]:
         """What the policy would read now; rows as in `hotice.policy.observation.layout_of`."""
-        return self._observe(context, context.get_discrete_state(MEMORY).value())
+        return self._observe(context, context.get_discrete_state(MEMORY).value(), self._has_to_stand(context))
 
-    def _observe(self, context: Context, memory: Array) -> NDArray[np.float32]:
+    def _observe(self, context: Context, memory: Array, stands: bool) -> NDArray[np.float32]:
         percept, reading = Percept(self._percept.Eval(context)), FieldReading(self._guidance.Eval(context))
-        if self._answer.HasValue(context) and self._answer.Eval(context)[0] == Answer.STOP_WALKING:
-            reading = standing(reading)
+        if stands:
+            place = context.get_discrete_state(PLACE).value()
+            place = self._here(percept) if math.isnan(place[0]) else place
+            reading = read_standing(reading, percept, place, self.task)
         clock = float(memory[PHASE])
         return observe(percept, reading, self._carrying, memory[ACTION], clock, self.task.scan, memory[PAST])
+
+    def _has_to_stand(self, context: Context) -> bool:
+        guidance = self._guidance.Eval(context)
+        told = self._answer.HasValue(context) and self._answer.Eval(context)[0] == Answer.STOP_WALKING
+        return told or not math.isfinite(guidance.dot(guidance))
+
+    def _here(self, percept: Percept) -> Array:
+        return np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
+
+    def _remember_place(self, context: Context, state: State, stands: bool) -> None:
+        if stands == math.isnan(context.get_discrete_state(PLACE).value()[0]):
+            place = self._here(Percept(self._percept.Eval(context))) if stands else np.full(3, np.nan)
+            state.get_mutable_discrete_state(PLACE).SetFromVector(place)
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
@@ -106,7 +124,9 @@ class PolicySystem(LeafSystem):
                 state.get_mutable_discrete_state(group).SetFromVector(rest)
             return
         memory = state.get_mutable_discrete_state(MEMORY).get_mutable_value()  # still the last step's
-        observation = self._observe(context, memory)
+        stands = self._has_to_stand(context)
+        observation = self._observe(context, memory, stands)
+        self._remember_place(context, state, stands)
         raw, fault = None, Fault.NONE
         if not math.isfinite(observation.dot(observation)):
             fault = self._fails(state, Fault.OBSERVATION_INVALID, "the observation is not finite")

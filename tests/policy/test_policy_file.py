@@ -116,3 +116,9 @@ def test_another_observation_is_told_with_what_to_give():
 def test_a_layout_that_is_none(layout):
     with pytest.raises(CheckpointError, match="no list of names and widths"):
         check_layout("p", layout, LAYOUT)
+
+
+def test_what_onnxruntime_refuses_is_an_error_of_ours():
+    """So that a station or a runner that catches a controller's errors answers it."""
+    with pytest.raises(CheckpointError, match="student: onnxruntime cannot run it: .*"):
+        open_policy("student").run(np.zeros((1, 3), np.float32))

@@ -10,18 +10,19 @@ from pydrake.systems.analysis import Simulator
 
 from hotice.errors import CheckpointError
 from hotice.fields.bank import FieldBank
+from hotice.fields.defaults import ETA
 from hotice.model.carry import solve_carry
 from hotice.model.objects import Sphere
 from hotice.policy import Percept, PerceptModel, PolicyTask, open_policy
 from hotice.policy.action import next_action
-from hotice.policy.guidance import read_fields
+from hotice.policy.guidance import read_fields, read_standing
 from hotice.policy.observation import LAYOUT, Carrying, layout_of, observe, remember
 from hotice.safety import Answer, Fault
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.sensing import Sensors
 from hotice.systems.guidance_field import GuidanceFieldSystem
-from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PolicySystem
+from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PLACE, PolicySystem
 from hotice.systems.sensor_model import DRAWS, ESTIMATE, SensorModel, measure
 from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig, draw_delays
 
@@ -335,19 +336,35 @@ def test_a_defect_of_a_policy_is_no_fault(station, carry, robot_state):
         stepped(PolicySystem(Failing(TypeError("a defect")), carry), percept=percept.vector, guidance=reading.vector)
 
 
-def test_a_policy_told_to_stand_reads_no_command(station, carry, robot_state):
+def test_a_policy_told_to_stand_reads_a_goal_where_it_is(station, carry, robot_state):
     percept, reading = policy_inputs(station, carry, robot_state)
+    reading.force_W[3], reading.distance[4] = np.nan, np.nan
     system = PolicySystem(open_policy("carry"), carry)
-    simulator = stepped(system, percept=percept.vector, guidance=reading.vector, answer=[0.0, 0.0])
+    simulator = stepped(
+        system, percept=percept.vector, guidance=reading.vector, answer=[float(Answer.STOP_WALKING), 1.0]
+    )
     context = simulator.get_mutable_context()
-    walking = system.observation(context)
-    system.GetInputPort("answer").FixValue(context, [float(Answer.STOP_WALKING), float(Fault.BOX_LATE)])
-    still = system.observation(context)
-    ends = dict(zip((n for n, _ in LAYOUT), np.cumsum([w for _, w in LAYOUT]), strict=True))
-    command = slice(ends["command"] - 6, ends["command"])
-    np.testing.assert_array_equal(still[command], [0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
-    assert (walking[command] != still[command]).sum() >= 3
-    np.testing.assert_array_equal(np.delete(walking, np.r_[command]), np.delete(still, np.r_[command]))
+    place = context.get_discrete_state(PLACE).value().copy()
+    np.testing.assert_array_equal(place, [*percept.p_WP[:2], 0.75])
+    moved = Percept(percept.vector.copy())
+    for name in ("p_WP", "p_WK", "p_WO", "p_WOK"):
+        getattr(moved, name)[..., 0] += 0.2
+    system.GetInputPort("percept").FixValue(context, moved.vector)
+    simulator.AdvanceTo(0.021)
+    np.testing.assert_array_equal(context.get_discrete_state(PLACE).value(), place)
+    still = read_standing(reading, moved, place, system.task)
+    assert np.isfinite(still.vector).all() and still.distance[4] == 2.0
+    np.testing.assert_array_equal(np.delete(still.distance, 4), np.delete(reading.distance, 4))
+    np.testing.assert_allclose(np.linalg.norm(still.force_W, axis=1), ETA, rtol=1e-6)
+    np.testing.assert_allclose(still.force_W[0], ETA * (place - moved.p_WK[0]) / np.linalg.norm(place - moved.p_WK[0]))
+    assert still.goal_distance[0] == pytest.approx(0.2) and still.c_W[0] < -0.3 and abs(still.c_W[1]) < 0.1
+    assert np.isfinite(system.observation(context)).all()
+    system.GetInputPort("answer").FixValue(context, [0.0, 0.0])
+    simulator.AdvanceTo(0.041)
+    np.testing.assert_array_equal(context.get_discrete_state(PLACE).value(), place)  # there is no other guidance
+    system.GetInputPort("guidance").FixValue(context, np.nan_to_num(reading.vector))
+    simulator.AdvanceTo(0.061)
+    assert np.isnan(context.get_discrete_state(PLACE).value()).all()
 
 
 def test_a_policy_of_another_layout_is_refused(carry):

@@ -197,7 +197,7 @@ def test_noise_changes_what_the_policy_reads(carry):
         ({"config": StationConfig(scene="nowhere")}, UnknownName, "unknown scene"),
         ({"config": StationConfig(scene="no/file.json")}, InvalidScene, "no such file"),
         ({"config": StationConfig(policy="nobody")}, UnknownName, "unknown policy"),
-        ({"config": StationConfig(policy="no/file.onnx")}, CheckpointError, "cannot be read"),
+        ({"config": StationConfig(policy="no/file.onnx")}, CheckpointError, "no such file"),
     ],
 )
 def test_bad_stations(kwargs, error, message):
@@ -235,7 +235,7 @@ def test_open_ports_are_named(carry):
         connect(builder, safety, "command", servo, "target")
     with pytest.raises(InvalidStation, match="has no output port"):
         connect(builder, safety, "torque", servo, "joint_target")
-    with pytest.raises(InvalidStation, match="has 5 numbers, port 'joint_target' of 'joint_pd' needs 20"):
+    with pytest.raises(InvalidStation, match="has 26 numbers, port 'joint_target' of 'joint_pd' needs 20"):
         connect(builder, safety, "faults", servo, "joint_target")
     with pytest.raises(InvalidStation, match="connected already"):
         connect(builder, servo, "torque", safety, "command")
