@@ -12,6 +12,7 @@ from hotice.deploy.sources.udp import UdpSender
 from hotice.deploy.tags.bundle import NEAR_IDS, TOP_IDS
 from hotice.deploy.tags.cameras import FolderCamera, FrameSource
 from hotice.deploy.tags.detector import TagDetector
+from hotice.deploy.tags.markers import opencv
 from hotice.deploy.tags.realsense import RealSenseCamera
 from hotice.deploy.tags.watch import in_words, watch_tags
 
@@ -21,8 +22,10 @@ REALSENSE = "realsense"
 def tag_camera(config: TagCameraConfig) -> None:
     """Lives until its time or its pictures are over, or Ctrl-C. Raises `HoticeError`."""
     console, clock, stopped = PlainConsole(), MonotonicClock(), []
-    detector, sender = TagDetector(TOP_IDS + NEAR_IDS), UdpSender(config.port, host=config.host)
-    frames = _opened(config, clock)
+    # the other cores are the guard's and the runner's
+    opencv().setNumThreads(1)
+    detector, frames = TagDetector(TOP_IDS + NEAR_IDS), _opened(config, clock)
+    sender = UdpSender(config.port, host=config.host)
     console.print(f"tags of {config.camera} to UDP {config.host}:{config.port}; Ctrl-C ends")
     end_s = clock.now() + config.duration_s
     try:

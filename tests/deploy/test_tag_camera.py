@@ -108,6 +108,13 @@ def test_single_broken_pictures_are_survived(rng):
         track.watch([good, *broken, BrokenFrame("gone"), good])
 
 
+def test_it_ends_when_it_is_stopped(rng):
+    track, good = Tracked(), take(X_PO, rng)
+    film = Film(track.clock, [good] * 9)
+    watched = watch_tags(film, DETECTOR, track, track.clock, stopped=lambda: len(track.verdicts) == 4)
+    assert watched.pictures == 4 and watched.rate_hz == pytest.approx(30.0)
+
+
 def test_a_network_that_is_down_is_survived(rng):
     class Down:
         def send(self, data):

@@ -60,3 +60,9 @@ def test_a_pattern_has_a_black_border():
     assert cells.shape == (8, 8) and cells[[0, -1]].all() and cells[:, [0, -1]].all() and not cells.all()
     with pytest.raises(UnknownName, match="0 to 586"):
         black_cells(587)
+
+
+@pytest.mark.parametrize("place", [(-0.8, 0.0, 0.0), (0.1, 0.0, 0.4), (0.0537, 0.0175, 0.3489)])
+def test_a_box_behind_or_around_the_camera_can_be_drawn(place, rng):
+    picture = take(Pose(np.eye(3), np.array(place)), rng)
+    assert picture.shape == (480, 640) and not len(TagDetector(BUNDLE.ids).detect(picture).ids)
