@@ -26,6 +26,8 @@ COMMANDS = (
     "tables",
     "benchmark",
     "robot-sim",
+    "tags",
+    "tag-camera",
 )
 NAN, INF = float("nan"), float("inf")
 
