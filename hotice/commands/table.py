@@ -17,6 +17,7 @@ from hotice.commands.configs import (
     ReproduceConfig,
     TrainConfig,
 )
+from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.commands.tags_config import TagCameraConfig, TagsConfig
 from hotice.files import check_folder, check_writable
@@ -145,6 +146,14 @@ def tag_camera(config: Flat[TagCameraConfig]) -> int:
     return 0
 
 
+def deploy(config: Flat[DeployConfig]) -> int:
+    """Have a robot, simulated or real, carry its object to a scene's goal."""
+    from hotice.commands.deploy.run import deploy as run
+
+    run(config)
+    return 0
+
+
 def scene() -> int:
     """Import, show, check, list and generate scenes: see `hotice scene --help`."""
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
@@ -174,5 +183,6 @@ COMMANDS = {
     "robot-sim": robot_sim,
     "tags": tags,
     "tag-camera": tag_camera,
+    "deploy": deploy,
     "scene": scene,
 }
