@@ -18,6 +18,7 @@ from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable
 from hotice.model.importers.house_scenes import Front3dConfig
 from hotice.model.importers.options import ImportOptions
+from hotice.progress import counted, doing
 
 if TYPE_CHECKING:
     from hotice.model import Scene
@@ -81,7 +82,7 @@ def import_map(config: Flat[ImportConfig]) -> int:
     check_writable(config.out)
     check_writable(picture)
     console = Console(highlight=False)
-    with console.status(f"importing {config.map}"):
+    with doing(f"importing {config.map}"):
         imported = import_scene(config.map, config)
         imported.scene.save(config.out)
         write_import_picture(imported, picture)
@@ -123,14 +124,13 @@ def check(scenes: Items) -> int:
         scenes: Names, files, folders or family:NAME:COUNT[:SEED].
     """
     from rich.console import Console
-    from rich.progress import track
     from rich.table import Table
 
     if not scenes:
         raise InvalidConfig("no scene is given: see `hotice scene list`")
     table = Table("scene", "obstacles", "path [m]", "clearance [m]", "verdict", title="g ground, s side, o overhead")
     console, bad = Console(), 0
-    for item, scene in track(list(_each(scenes)), "checking", transient=True, console=console):
+    for item, scene in counted(found := list(_each(scenes)), "scenes", len(found)):
         row, ok = _verdict(scene) if not isinstance(scene, HoticeError) else (["", "", "", str(scene)], False)
         table.add_row(item if isinstance(scene, HoticeError) else scene.name, *row, style=None if ok else "red")
         bad += not ok
@@ -170,7 +170,7 @@ def generate(config: Flat[GenerateConfig]) -> int:
     if wrong:
         raise InvalidConfig(f"{wrong[0]!r} is no family: {FAMILY_PREFIX}NAME:COUNT or ...:SEED is needed")
     console = Console(highlight=False)
-    with console.status("generating"):
+    with doing("generating"):
         made = [generate_from_text(item.removeprefix(FAMILY_PREFIX)) for item in config.families]
     scenes = [scene for part in made for scene in part.scenes]
     twice = [name for name, count in Counter(s.name for s in scenes).items() if count > 1]
