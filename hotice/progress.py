@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 Item = TypeVar("Item")
-FIRST_S, EVERY_S = 5.0, 30.0
-"""Time until the first line, and between the others."""
+EVERY_S = 30.0
+"""Time until the first line, and between lines."""
 
 
 @contextlib.contextmanager
@@ -67,11 +67,9 @@ def lines(text: Callable[[], str]) -> Iterator[None]:
     console, begin, over = Console(stderr=True), time.monotonic(), threading.Event()
 
     def talk() -> None:
-        wait_s = FIRST_S
-        while not over.wait(wait_s):
+        while not over.wait(EVERY_S):
             said = f"{text()}, {time.monotonic() - begin:.0f} s"
             console.print(said, highlight=False, markup=False, soft_wrap=True)
-            wait_s = EVERY_S
 
     thread = threading.Thread(target=talk, daemon=True)
     thread.start()

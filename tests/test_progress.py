@@ -9,7 +9,6 @@ from hotice import progress
 
 @pytest.fixture
 def soon(monkeypatch):
-    monkeypatch.setattr(progress, "FIRST_S", 0.01)
     monkeypatch.setattr(progress, "EVERY_S", 0.01)
 
 

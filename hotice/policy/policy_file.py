@@ -90,7 +90,26 @@ def read_onnx_meta(content: bytes, path: Path) -> dict[str, Any]:
     del model.metadata_props[:]
     if content_hash(model, {k: v for k, v in meta.items() if k != "sha256"}) != meta.get("sha256"):
         raise CheckpointError(f"{path}: truncated or changed since it was exported (SHA-256 differs)")
+    check_finite(model.graph, path)
     return meta
+
+
+def check_finite(graph: Any, path: Path) -> None:
+    """Raises `CheckpointError` when a weight or constant of an ONNX graph is NaN or infinite."""
+    from onnx import numpy_helper
+
+    attributes = [(node, a) for node in graph.node for a in node.attribute]
+    numbers = [(f"{node.op_type}'s {a.name}", np.array([a.f, *a.floats])) for node, a in attributes]
+    tensors = [(tensor.name, tensor) for tensor in graph.initializer]
+    for node, a in attributes:
+        tensors += [(f"{node.op_type}'s {a.name}", t) for t in (*([a.t] if a.HasField("t") else []), *a.tensors)]
+    try:
+        numbers += [(name, numpy_helper.to_array(tensor)) for name, tensor in tensors]
+    except (ValueError, TypeError) as error:
+        raise CheckpointError(f"{path}: a tensor cannot be read: {str(error).splitlines()[0]}") from None
+    for name, values in numbers:
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            raise CheckpointError(f"{path}: {name} is not finite: the run had diverged, export an older checkpoint")
 
 
 def check_layout(name: str, theirs: Sequence[Sequence[Any]], layout: Sequence[tuple[str, int]]) -> None:
