@@ -241,9 +241,7 @@ def test_a_training_that_was_interrupted_is_told_and_goes_on(tmp_path, scenes, t
 
     with monkeypatch.context() as patch:
         patch.setattr(Runner, "train", stopped_at_once)
-        with pytest.raises(
-            Stopped, match="training of single_sgf was interrupted and is saved: the same command goes on"
-        ):
+        with pytest.raises(Stopped, match="training of single_sgf was interrupted and is saved: the same"):
             reproduce(config, tiny(tmp_path))
     path, _ = module._train(config, "single_sgf", tiny(tmp_path))
     assert load_checkpoint(Path(path))[1]["update"] == 3
