@@ -27,10 +27,10 @@ from hotice.files import write_text
 from hotice.model import g1, load_scene
 from hotice.model.joint_limits import torque_limits
 from hotice.policy import Carrying, PerceptModel, observe, read_fields
+from hotice.policy.action import next_action
 from hotice.policy.observation import remember
 from hotice.systems import Station, StationConfig, make_station
 from hotice.systems.joint_pd import pd_torque
-from hotice.systems.policy import next_action
 from hotice.systems.state_adaptor import robot_state_of_mujoco
 from hotice.task import history
 

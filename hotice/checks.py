@@ -35,11 +35,17 @@ def shown(value: object) -> str:
     return " ".join(_SHOWN.repr(value).split())
 
 
+FARTHEST = 10**9
+NEAREST = 1e-12
+
+
 @dataclass(frozen=True, kw_only=True)
 class Range:
     """Numbers that are allowed, with both ends (`least`, `most`) or without (`above`, `below`).
 
     As text: `of at least 0`. `unit` stands behind the numbers, `note` in brackets at the end of the message.
+    Amounts, which have a lowest number, end at `FARTHEST` unless another end is given, and what is smaller than
+    `NEAREST` is neither 0 nor above it: products and quotients of such numbers overflow.
     """
 
     least: float | None = None
@@ -57,11 +63,21 @@ class Range:
             return False
         return (
             finite
+            and self.fault(value) == ""
             and (self.least is None or value >= self.least)
             and (self.above is None or value > self.above)
             and (self.most is None or value <= self.most)
             and (self.below is None or value < self.below)
         )
+
+    def fault(self, value: Any) -> str:
+        """That a number is beyond all use though no end forbids it, in words; else ""."""
+        begins = self.least is not None or self.above is not None
+        if begins and self.most is None and self.below is None and value > FARTHEST:
+            return f"larger than {FARTHEST:,}"
+        if 0 in (self.least, self.above) and 0 < value < NEAREST:
+            return f"smaller than {NEAREST:g}"
+        return ""
 
     def __str__(self) -> str:
         if self.least is not None and self.least == -(self.most or math.nan):
@@ -199,6 +215,8 @@ def mapping(
 
 def _refusal(where: str, value: object, kind: str, allowed: Range) -> str:
     wanted = f"{kind} {allowed}".rstrip()
+    if isinstance(value, Real) and not isinstance(value, bool) and (fault := allowed.fault(value)):
+        wanted += f" (none {fault})"
     return f"{where} is {shown(value)}: {wanted} is needed{f' ({allowed.note})' if allowed.note else ''}"
 
 

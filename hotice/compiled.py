@@ -2,14 +2,13 @@
 
 numba compiles a cached function anew when its own file changes, but not when a function that it calls, in another file,
 does: the stale machine code may crash. Here the cache lies in a folder named by the content of every module that
-    compiles.
+compiles, and of the user's own: what numba finds there, it runs.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -18,11 +17,13 @@ from typing import Any
 import numba
 from numba.core import config
 
+from hotice.caches import kept_or_temporary
+
 _PACKAGE = Path(__file__).resolve().parent
 
 
 def compiled(function: Callable | None = None, /, **options: Any) -> Any:
-    """Decorator: `numba.njit(**options)`, cached. Kept in $NUMBA_CACHE_DIR, else in the user's cache."""
+    """Decorator: `numba.njit(**options)`, cached. Kept in $NUMBA_CACHE_DIR, else as `hotice.caches` says."""
     if function is None:
         return lambda f: compiled(f, **options)
     before = config.CACHE_DIR  # type: ignore[attr-defined]
@@ -35,16 +36,8 @@ def compiled(function: Callable | None = None, /, **options: Any) -> Any:
 
 @lru_cache
 def _cache_folder() -> Path:
-    home = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(home) / "hotice" / f"numba-{_digest()}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        pass
-    if os.access(folder, os.W_OK):
-        return folder
-    # of this process alone: others could have filled a shared one
-    return Path(tempfile.mkdtemp(prefix="hotice-numba-"))
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    return kept_or_temporary(f"numba-{_digest()}", Path(given) / "hotice" if given else None)
 
 
 def _digest() -> str:

@@ -38,8 +38,8 @@ class DemoConfig:
 def run(config: DemoConfig) -> None:
     """Runs the demo. Raises `HoticeError`."""
     import numpy as np
-    from rich.console import Console
 
+    from hotice.console import PlainConsole
     from hotice.evaluate.config import EvaluateConfig
     from hotice.evaluate.record import record_rollouts
     from hotice.evaluate.run import evaluate
@@ -51,7 +51,7 @@ def run(config: DemoConfig) -> None:
     from hotice.progress import doing
     from hotice.replay import write_html, write_overview
 
-    console = Console()
+    console = PlainConsole()
     files = [config.out / name for name in ("report.json", "replay.html", "overview.png")]
     check_folder(config.out)
     for file in files:
@@ -64,9 +64,8 @@ def run(config: DemoConfig) -> None:
         field = build_hod_pf(scene)
         pelvis = np.array([*scene.start[:2], 0.75])
         console.print(
-            f"fields of [bold]{scene.name}[/]: {len(scene.obstacles)} obstacles, path of "
-            f"{float(field.sgf.geodesic_distance(pelvis)):.2f} m, {time.perf_counter() - begin:.1f} s",
-            highlight=False,
+            f"fields of {scene.name}: {len(scene.obstacles)} obstacles, path of "
+            f"{float(field.sgf.geodesic_distance(pelvis)):.2f} m, {time.perf_counter() - begin:.1f} s"
         )
     report, page, picture = files
     evaluate(
@@ -88,15 +87,15 @@ def run(config: DemoConfig) -> None:
     write_html(records, page)
     write_overview(records[:: config.shown], picture)
     for what, path in (("report", report), ("replay", page), ("picture", picture)):
-        console.print(f"{what:>8}: {path.resolve()}", highlight=False, soft_wrap=True)
+        console.print(f"{what:>8}: {path.resolve()}", soft_wrap=True)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Command line; see `hotice.commands.program.one_line`."""
+    """Command line; see `hotice.commands.program.guarded`."""
     import tyro
 
     from hotice.commands.help_text import unbroken_help
-    from hotice.commands.program import one_line
+    from hotice.commands.program import guarded
 
     def work() -> int:
         with unbroken_help():
@@ -104,7 +103,7 @@ def main(argv: list[str] | None = None) -> int:
         run(config)
         return 0
 
-    return one_line(work)
+    return guarded(work)
 
 
 if __name__ == "__main__":

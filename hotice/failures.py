@@ -61,5 +61,11 @@ def ran_out_of_memory(error: BaseException) -> bool:
     return isinstance(error, (RuntimeError, ValueError)) and any(words in str(error) for words in SAYINGS)
 
 
+def one_line(text: str) -> str:
+    """Text on one line in which whatever would move the cursor or colour a terminal is written out."""
+    words = text.replace("\n", " ")
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in words)
+
+
 def _where(error: BaseException) -> str:
     return " on the GPU" if "CUDA" in str(error) or "cuda" in str(error) else ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,25 +12,40 @@ from hotice.errors import InputError, OutputError
 
 
 def read_bytes(path: str | Path, max_bytes: int) -> bytes:
-    """The content of a regular file: a pipe or device, which might never end, is refused before it is opened.
+    """The content of a regular file, never more than `max_bytes` of it.
+
+    A pipe or device, which might never end, is refused before a byte is read; so is a file that says it is larger.
 
     Raises:
         InputError: the file is missing, of another kind, larger than `max_bytes` or not readable.
     """
     path = Path(path)
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path}: is a folder, pipe or device: a regular file is needed")
-        if status.st_size > max_bytes:
-            raise InputError(f"{path}: is larger than {max_bytes // 2**20} MiB")
-        return path.read_bytes()
+        _check_regular(path, path.stat(), max_bytes)
+        # it may have become a pipe meanwhile, whose opening would wait for its other end
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            _check_regular(path, os.fstat(file.fileno()), max_bytes)
+            # files of /proc say that they are empty
+            content = file.read(max_bytes + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ValueError as error:  # a NUL in the path
         raise InputError(f"{str(path)!r}: cannot be read: {error}") from None
+    if len(content) > max_bytes:
+        raise InputError(f"{path}: is larger than {max_bytes // 2**20} MiB")
+    return content
+
+
+def is_file(path: str | Path) -> bool:
+    """Whether there is a regular file; False for text that no path can be (too long, with a NUL)."""
+    return _is(Path(path).is_file)
+
+
+def is_folder(path: str | Path) -> bool:
+    """Whether there is a folder; False for text that no path can be, and for no text: the present folder is `.`."""
+    return str(path) != "" and _is(Path(path).is_dir)
 
 
 @contextmanager
@@ -128,3 +143,17 @@ def check_folder(path: str | Path) -> None:
     if not os.access(there, os.W_OK | os.X_OK):
         why = "is on a read-only file system" if os.statvfs(there).f_flag & os.ST_RDONLY else "is not writable"
         raise OutputError(f"cannot write to folder {path}: {there} {why}")
+
+
+def _check_regular(path: Path, status: os.stat_result, max_bytes: int) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f"{path}: is a folder, pipe or device: a regular file is needed")
+    if status.st_size > max_bytes:
+        raise InputError(f"{path}: is larger than {max_bytes // 2**20} MiB")
+
+
+def _is(question: Callable[[], bool]) -> bool:
+    try:
+        return question()
+    except (OSError, ValueError):
+        return False

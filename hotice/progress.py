@@ -19,14 +19,15 @@ EVERY_S = 30.0
 @contextlib.contextmanager
 def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
     """A function that is to be told how many of `total` things are done by now; `done`: how many were before."""
-    from rich import progress as rich
-    from rich.console import Console
+    import rich.progress as bars
 
-    console = Console(stderr=True)
+    from hotice.console import PlainConsole
+
+    console = PlainConsole(stderr=True)
     if console.is_terminal:
-        times = (rich.TimeElapsedColumn(), rich.TimeRemainingColumn())
-        columns = (rich.TextColumn("{task.description}"), rich.BarColumn(), rich.MofNCompleteColumn(), *times)
-        with rich.Progress(*columns, console=console, transient=True) as bar:
+        times = (bars.TimeElapsedColumn(), bars.TimeRemainingColumn())
+        columns = (bars.TextColumn("{task.description}"), bars.BarColumn(), bars.MofNCompleteColumn(), *times)
+        with bars.Progress(*columns, console=console, transient=True) as bar:
             task = bar.add_task(what, total=total, completed=done)
             yield lambda n: bar.update(task, completed=n)
         return
@@ -46,13 +47,14 @@ def counted(items: Iterable[Item], what: str, total: int) -> Iterator[Item]:
 @contextlib.contextmanager
 def doing(what: str) -> Iterator[Callable[[str], None]]:
     """A function that may be told what is being done by now."""
-    from rich.console import Console
-    from rich.markup import escape
+    from rich.text import Text
 
-    console = Console(stderr=True)
+    from hotice.console import PlainConsole
+
+    console = PlainConsole(stderr=True)
     if console.is_terminal:
-        with console.status(escape(what)) as status:
-            yield lambda text: status.update(escape(text))
+        with console.status(what) as status:
+            yield lambda text: status.update(Text(text))
         return
     now = [what]
     with lines(lambda: now[0]):
@@ -62,14 +64,13 @@ def doing(what: str) -> Iterator[Callable[[str], None]]:
 @contextlib.contextmanager
 def lines(text: Callable[[], str]) -> Iterator[None]:
     """Prints `text()` and the time so far on standard error now and then, from a thread of its own."""
-    from rich.console import Console
+    from hotice.console import PlainConsole
 
-    console, begin, over = Console(stderr=True), time.monotonic(), threading.Event()
+    console, begin, over = PlainConsole(stderr=True), time.monotonic(), threading.Event()
 
     def talk() -> None:
         while not over.wait(EVERY_S):
-            said = f"{text()}, {time.monotonic() - begin:.0f} s"
-            console.print(said, highlight=False, markup=False, soft_wrap=True)
+            console.print(f"{text()}, {time.monotonic() - begin:.0f} s", soft_wrap=True)
 
     thread = threading.Thread(target=talk, daemon=True)
     thread.start()

@@ -27,10 +27,10 @@ class Config:
     ("allowed", "inside", "outside", "text"),
     [
         (checks.ANY, (-1e300, 0, 1.7e308), (math.inf, -math.inf, math.nan, HUGE), ""),
-        (checks.POSITIVE, (1e-300, 5), (0, -0.0, -1, math.inf), "above 0"),
+        (checks.POSITIVE, (1e-12, 5, 1e9), (0, -0.0, -1, math.inf), "above 0"),
         (checks.NOT_NEGATIVE, (0, 0.0, 3), (-1e-300, math.nan), "of at least 0"),
         (checks.SHARE, (0, 1, 0.5), (1.0000001, -1), "from 0 to 1"),
-        (checks.COUNT, (1, 10**18), (0, -5), "of at least 1"),
+        (checks.COUNT, (1, 10**9), (0, -5), "of at least 1"),
         (checks.INT64, (0, 2**63 - 1), (2**63, -1, HUGE), "from 0 to 2^63 - 1"),
         (Range(above=0, most=1_000_000), (1e6, 1), (0, 1_000_001), "above 0 and at most 1,000,000"),
         (Range(least=0, below=1), (0, 0.999), (1,), "from 0 to below 1"),
@@ -154,3 +154,23 @@ def test_messages_stay_short(value):
 def test_they_load_nothing_heavy():
     code = "import sys, hotice.checks; print(sorted({'torch', 'mujoco', 'scipy', 'numba'} & sys.modules.keys()))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize(
+    "value, allowed, message",
+    [
+        (1e308, checks.POSITIVE, r"above 0 \(none larger than 1,000,000,000\)"),
+        (1e-308, checks.POSITIVE, r"above 0 \(none smaller than 1e-12\)"),
+        (1e-308, checks.NOT_NEGATIVE, r"of at least 0 \(none smaller than 1e-12\)"),
+        (10**30, checks.COUNT, r"of at least 1 \(none larger than"),
+    ],
+)
+def test_numbers_beyond_all_use(value, allowed, message):
+    with pytest.raises(InvalidConfig, match=message):
+        checks.number("x", value, allowed)
+
+
+def test_an_end_that_says_so_allows_them():
+    assert checks.whole("seed", 2**62, checks.INT64) == 2**62
+    assert checks.number("x", 1e12, Range(most=1e13)) == 1e12
+    assert checks.number("x", 1e-300) == 1e-300 and checks.number("x", 0, checks.NOT_NEGATIVE) == 0

@@ -7,8 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from hotice.errors import OutputError
-from hotice.files import check_folder, check_writable, make_folder, output_file, write_bytes, written_aside
+from hotice.errors import InputError, OutputError
+from hotice.files import (
+    check_folder,
+    check_writable,
+    is_file,
+    is_folder,
+    make_folder,
+    output_file,
+    read_bytes,
+    write_bytes,
+    written_aside,
+)
 
 
 def test_a_file_written_aside_appears_at_the_end(tmp_path):
@@ -38,6 +48,35 @@ def test_places_that_cannot_be_written(tmp_path, place):
     with pytest.raises(OutputError, match="^cannot write .*: "):
         write_bytes(tmp_path / place, b"x")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
+
+
+@pytest.fixture
+def fifo(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    return tmp_path / "fifo"
+
+
+def test_only_so_much_of_a_regular_file_is_read(tmp_path, fifo):
+    path = write_bytes(tmp_path / "a", b"x" * 10)
+    assert read_bytes(path, 10) == b"x" * 10
+    for bad, message in (
+        (path, "larger than"),
+        (fifo, "regular file"),
+        ("/dev/zero", "regular file"),
+        (tmp_path, "regular file"),
+        (tmp_path / "none", "no such file"),
+        ("a\0b", "cannot be read"),
+        ("n" * 300, "File name too long"),
+        ("/proc/self/environ" if os.environ else path, "larger than"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_bytes(bad, 9)
+
+
+def test_questions_about_what_no_path_can_be(tmp_path):
+    for text in ("n" * 300, "a\0b", ""):
+        assert not is_file(text) and not is_folder(text)
+    assert is_folder(tmp_path) and is_folder(".") and not is_file(tmp_path)
 
 
 # what may stand where a file goes

@@ -1,35 +1,14 @@
 """The page of symbols names modules and objects that exist."""
 
-import importlib
-import importlib.util
 import re
 from pathlib import Path
 
 import pytest
 
+from tools.reference import exists
+
 TEXT = (Path(__file__).parents[1] / "docs" / "notation.md").read_text()
 NAMES = sorted(set(re.findall(r"`(hotice(?:\.\w+)+)`", TEXT)))
-
-
-def exists(name):
-    """Whether a dotted name is a module, or an attribute of one."""
-    parts = name.split(".")
-    for end in range(len(parts), 0, -1):
-        module = ".".join(parts[:end])
-        try:
-            found = importlib.util.find_spec(module)
-        except ModuleNotFoundError:
-            found = None
-        if found is not None:
-            if end == len(parts):
-                return True
-            target = importlib.import_module(module)
-            for part in parts[end:]:
-                if not hasattr(target, part):
-                    return False
-                target = getattr(target, part)
-            return True
-    return False
 
 
 @pytest.mark.parametrize("name", NAMES)

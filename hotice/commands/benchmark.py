@@ -25,8 +25,9 @@ SHARES = ("physics", "fields", "rewards and observations", "acting", "learning",
 
 def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
     """Measures every size, prints a table as it grows, writes the report; returns it. Raises `HoticeError`."""
-    from rich.console import Console
     from rich.live import Live
+
+    from hotice.console import PlainConsole
 
     if config.out is not None:
         check_writable(config.out)
@@ -42,8 +43,8 @@ def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
         "perturbed": config.perturbed,
         "source": source_version(),
     }
-    console = Console(width=None if Console().is_terminal else 150)
-    silent = Console(stderr=True).is_terminal
+    console = PlainConsole(width=None if PlainConsole().is_terminal else 150)
+    silent = PlainConsole(stderr=True).is_terminal
     told = contextlib.nullcontext() if silent else lines(lambda: f"{len(sizes)} of {len(config.num_envs)} sizes")
     with told, Live(_table(sizes, config), console=console, auto_refresh=False) as live:
         for num_envs in config.num_envs:

@@ -12,6 +12,7 @@ import tyro
 from hotice import checks
 from hotice.checks import Range
 from hotice.commands.recipes import ReproduceConfig
+from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.errors import InvalidConfig
 from hotice.evaluate.config import EvaluateConfig
 from hotice.learn.distill.config import DistillConfig, FinetuneConfig
@@ -181,6 +182,7 @@ OPTIONS: Mapping[str, type] = {
     "export": ExportConfig,
     "play": PlayConfig,
     "benchmark": BenchmarkConfig,
+    "robot-sim": RobotSimConfig,
 }
 """Types of the options of each command that has any; `hotice scene` is a group of its own."""
 

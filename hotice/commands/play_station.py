@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hotice.commands.configs import PlayConfig
 from hotice.errors import CarryInfeasible, InvalidConfig, PickInfeasible
+from hotice.files import is_folder
 from hotice.model.object_range import ObjectRange
 from hotice.replay import RolloutRecord
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
@@ -32,7 +32,7 @@ def record_stations(config: PlayConfig, scenes: Iterable[Scene]) -> list[Rollout
     """
     from hotice.systems import StationConfig  # before anything runs, so that a missing Drake is told at once
 
-    if Path(config.policy).is_dir():
+    if is_folder(config.policy):
         raise InvalidConfig(
             f"policy is {config.policy!r}: a station takes an exported one, make it with `hotice export`"
         )

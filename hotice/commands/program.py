@@ -12,22 +12,22 @@ from types import FrameType
 
 from hotice.commands.exit_status import INTERRUPTED, STOPPED
 from hotice.errors import Stopped
-from hotice.failures import mendable
+from hotice.failures import mendable, one_line
 
 
 def main(argv: list[str] | None = None) -> int:
     """Runs a command; an error that the user can mend is printed on one line and gives status 2, Ctrl-C 130 or 75."""
     argv = sys.argv[1:] if argv is None else argv
-    return one_line(lambda: _run(argv), argv[0] if argv else "")
+    return guarded(lambda: _run(argv), argv[0] if argv else "")
 
 
-def one_line(work: Callable[[], int], command: str = "") -> int:
+def guarded(work: Callable[[], int], command: str = "") -> int:
     """Exit status of `work`; what ends it early is told on one line, unless it is a defect."""
     with _noted() as interrupted:
-        return _one_line(work, command, interrupted)
+        return _guarded(work, command, interrupted)
 
 
-def _one_line(work: Callable[[], int], command: str, interrupted: threading.Event) -> int:
+def _guarded(work: Callable[[], int], command: str, interrupted: threading.Event) -> int:
     try:
         status = work()
         sys.stdout.flush()
@@ -68,7 +68,7 @@ def _noted() -> Iterator[threading.Event]:
 
 
 def _say(text: str, status: int) -> int:
-    print(f"hotice: {text}".replace("\n", " "), file=sys.stderr)
+    print(one_line(f"hotice: {text}"), file=sys.stderr)
     _drop_unwritten()
     return status
 

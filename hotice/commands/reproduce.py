@@ -19,7 +19,7 @@ from hotice.errors import InvalidConfig, Stopped
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.run import evaluate
 from hotice.files import check_folder, make_folder, output_file, write_text
-from hotice.learn.checkpoints.checkpoint import list_checkpoints
+from hotice.learn.checkpoints.checkpoint import list_checkpoints, read_meta
 from hotice.learn.checkpoints.trained_on import TrainedOn
 from hotice.learn.checkpoints.training_scenes import whole_record
 from hotice.learn.policy import load_policy
@@ -35,11 +35,10 @@ def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> d
 
     Raises `HoticeError`, `Stopped` when a training was interrupted.
     """
-    from rich.console import Console
-
     from hotice.commands.unseen_views import unseen_markdown
+    from hotice.console import PlainConsole
 
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     check_folder(config.out)
     for name in ("tables.json", "tables.md", "unseen.png"):
         output_file(config.out / name)
@@ -104,7 +103,7 @@ def _train(config: ReproduceConfig, name: str, shared: TrainConfig) -> tuple[str
 
 
 def _trained(train: TrainConfig) -> bool:
-    newest = [json.loads((p / "meta.json").read_text())["update"] for p in list_checkpoints(train.out)[-1:]]
+    newest = [int(read_meta(p).get("update", 0)) for p in list_checkpoints(train.out)[-1:]]
     return bool(newest) and newest[0] >= train.updates
 
 

@@ -15,7 +15,7 @@ from hotice import checks
 from hotice.checks import Range
 from hotice.commands.help_text import unbroken_help
 from hotice.errors import HoticeError, InvalidConfig
-from hotice.files import check_writable
+from hotice.files import check_writable, is_folder
 from hotice.model.importers.house_scenes import Front3dConfig
 from hotice.model.importers.options import ImportOptions
 from hotice.progress import counted, doing
@@ -32,7 +32,7 @@ class ImportConfig(ImportOptions):
     """One import."""
 
     map: tyro.conf.Positional[Path]
-    """Point cloud (.pcd, .ply) or mesh (.obj, .stl, .off, .glb, .ply)."""
+    """Point cloud (.pcd, .ply), octree (.bt of OctoMap) or mesh (.obj, .stl, .off, .glb, .ply)."""
     out: Path = Path("scene.json")
     """Scene file to write; a picture `.png` of what was kept is written beside it."""
 
@@ -73,23 +73,22 @@ class GenerateConfig:
 
 def import_map(config: Flat[ImportConfig]) -> int:
     """Make a scene of a point cloud or mesh."""
-    from rich.console import Console
-
+    from hotice.console import PlainConsole
     from hotice.model.importers.scene_import import import_scene
     from hotice.replay.import_picture import write_import_picture
 
     picture = config.out.with_suffix(".png")
     check_writable(config.out)
     check_writable(picture)
-    console = Console(highlight=False)
+    console = PlainConsole()
     with doing(f"importing {config.map}"):
         imported = import_scene(config.map, config)
         imported.scene.save(config.out)
         write_import_picture(imported, picture)
     for name, text in imported.notes.items():
-        console.print(f"{name:>10}: {text}", markup=False, soft_wrap=True)
+        console.print(f"{name:>10}: {text}", soft_wrap=True)
     for name, path in (("scene", config.out), ("picture", picture)):
-        console.print(f"{name:>10}: {path}", markup=False, soft_wrap=True)
+        console.print(f"{name:>10}: {path}", soft_wrap=True)
     return 0
 
 
@@ -123,13 +122,14 @@ def check(scenes: Items) -> int:
     Args:
         scenes: Names, files, folders or family:NAME:COUNT[:SEED].
     """
-    from rich.console import Console
     from rich.table import Table
+
+    from hotice.console import PlainConsole
 
     if not scenes:
         raise InvalidConfig("no scene is given: see `hotice scene list`")
     table = Table("scene", "obstacles", "path [m]", "clearance [m]", "verdict", title="g ground, s side, o overhead")
-    console, bad = Console(), 0
+    console, bad = PlainConsole(), 0
     for item, scene in counted(found := list(_each(scenes)), "scenes", len(found)):
         row, ok = _verdict(scene) if not isinstance(scene, HoticeError) else (["", "", "", str(scene)], False)
         table.add_row(item if isinstance(scene, HoticeError) else scene.name, *row, style=None if ok else "red")
@@ -140,26 +140,28 @@ def check(scenes: Items) -> int:
 
 def list_scenes() -> int:
     """List the scenes, sets and families that hotice brings along."""
-    from rich.console import Console
+    from rich.text import Text
 
+    from hotice.console import PlainConsole
     from hotice.model.generate.families import FAMILIES
     from hotice.model.shipped import FAMILY_PREFIX, shipped_scenes, shipped_sets
 
-    console = Console(highlight=False)
-    console.print("[bold]scenes[/]  " + ", ".join(shipped_scenes()))
+    console = PlainConsole()
+
+    def line(kind: str, names: str) -> None:
+        console.print(Text(kind, style="bold") + Text(f"  {names}"))
+
+    line("scenes", ", ".join(shipped_scenes()))
     sets = [f"{name} ({len(scenes)}: {scenes[0]} .. {scenes[-1]})" for name, scenes in shipped_sets().items()]
-    console.print("[bold]sets[/]  " + ", ".join(sets))
-    console.print(
-        f"[bold]families[/]  {FAMILY_PREFIX}NAME:COUNT or {FAMILY_PREFIX}NAME:COUNT:SEED, NAME being one of "
-        + ", ".join(FAMILIES)
-    )
+    line("sets", ", ".join(sets))
+    meaning = f"{FAMILY_PREFIX}NAME:COUNT or {FAMILY_PREFIX}NAME:COUNT:SEED, NAME being one of "
+    line("families", meaning + ", ".join(FAMILIES))
     return 0
 
 
 def generate(config: Flat[GenerateConfig]) -> int:
     """Write generated scenes as files and report the rejected draws."""
-    from rich.console import Console
-
+    from hotice.console import PlainConsole
     from hotice.model.generate.families import generate_from_text
     from hotice.model.scene import save_all
     from hotice.model.shipped import FAMILY_PREFIX
@@ -169,7 +171,7 @@ def generate(config: Flat[GenerateConfig]) -> int:
     wrong = [item for item in config.families if not item.startswith(FAMILY_PREFIX)]
     if wrong:
         raise InvalidConfig(f"{wrong[0]!r} is no family: {FAMILY_PREFIX}NAME:COUNT or ...:SEED is needed")
-    console = Console(highlight=False)
+    console = PlainConsole()
     with doing("generating"):
         made = [generate_from_text(item.removeprefix(FAMILY_PREFIX)) for item in config.families]
     scenes = [scene for part in made for scene in part.scenes]
@@ -179,8 +181,8 @@ def generate(config: Flat[GenerateConfig]) -> int:
     save_all(scenes, config.out)
     rejected = [r for part in made for r in part.rejected]
     for r in rejected:
-        console.print(f"rejected {r.scene}, draw {r.draw}: {r.reason}", markup=False, soft_wrap=True)
-    console.print(f"{len(scenes)} scenes in {config.out}, {len(rejected)} draws rejected", markup=False, soft_wrap=True)
+        console.print(f"rejected {r.scene}, draw {r.draw}: {r.reason}", soft_wrap=True)
+    console.print(f"{len(scenes)} scenes in {config.out}, {len(rejected)} draws rejected", soft_wrap=True)
     return 0
 
 
@@ -211,7 +213,7 @@ def _resolve(items: Sequence[str]) -> list[Scene]:
 def _each(items: Sequence[str]):
     """(item, scene) of all items, or (item, error) where one cannot be had; files of a folder one by one."""
     for item in items:
-        files = sorted(Path(item).glob("*.json")) if Path(item).is_dir() else []
+        files = sorted(Path(item).glob("*.json")) if is_folder(item) else []
         for part in map(str, files) if files else [item]:
             try:
                 yield from ((part, scene) for scene in _resolve([part]))

@@ -19,6 +19,7 @@ from hotice.commands.configs import (
     TrainConfig,
 )
 from hotice.commands.exit_status import STOPPED
+from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.files import check_folder, check_writable
 from hotice.owner import check_unowned
 from hotice.progress import doing
@@ -116,6 +117,14 @@ def benchmark(config: Flat[BenchmarkConfig]) -> int:
     return 0
 
 
+def robot_sim(config: Flat[RobotSimConfig]) -> int:
+    """Simulate a robot in real time, on the messages of the real one."""
+    from hotice.commands.robot_sim import robot_sim as run
+
+    run(config)
+    return 0
+
+
 def scene() -> int:
     """Import, show, check, list and generate scenes: see `hotice scene --help`."""
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
@@ -145,5 +154,6 @@ COMMANDS = {
     "play": play,
     "tables": tables,
     "benchmark": benchmark,
+    "robot-sim": robot_sim,
     "scene": scene,
 }

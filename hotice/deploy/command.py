@@ -18,11 +18,8 @@ from hotice.deploy.messages.hg import JOINTS, LOW_CMD, MACHINES, PITCH_ROLL
 from hotice.errors import HoticeError
 from hotice.model import g1
 from hotice.model.joint_limits import position_limits, torque_limits
+from hotice.safety.limits import DAMPING_KD, LARGEST_SPEED
 
-DAMPING_KD = 8.0
-"""Largest kd beside the trained ones [N m s/rad]: damping of a falling robot (docs/deploy.md)."""
-LARGEST_SPEED = 20.0
-"""Largest commanded joint speed [rad/s]; a measured one above it counts as a fall."""
 FIELDS = ("q", "dq", "tau", "kp", "kd")
 
 
@@ -53,6 +50,11 @@ def _limits() -> Limits:
 
 
 LIMITS = _limits()
+_NONE = np.zeros_like(LIMITS.kp)
+_SPEED = np.full_like(LIMITS.kp, LARGEST_SPEED)
+_LOWEST = np.stack([LIMITS.lower, -_SPEED, -LIMITS.torque, _NONE, _NONE, -LIMITS.torque])
+_HIGHEST = np.stack([LIMITS.upper, _SPEED, LIMITS.torque, LIMITS.kp, LIMITS.kd, LIMITS.torque])
+"""Bounds of q, dq, tau, kp, kd and tau + kd dq, (6, 29)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +78,13 @@ class CheckedCommand:
         for name in FIELDS:
             object.__setattr__(self, name, _frozen(name, getattr(self, name), np.float32))
         object.__setattr__(self, "enabled", _frozen("enabled", self.enabled, np.bool_))
+        with np.errstate(invalid="ignore", over="ignore"):
+            rows = np.stack([self.q, self.dq, self.tau, self.kp, self.kd, self.tau + self.kd * self.dq])
+        # one comparison for a good command, which there are 500 of a second; what is not is looked at one by one
+        if not ((rows >= _LOWEST) & (rows <= _HIGHEST)).all():
+            self._refuse()
+
+    def _refuse(self) -> None:
         for name in FIELDS:
             _within(name, getattr(self, name), -np.inf, np.inf)
         _within("q", self.q, LIMITS.lower, LIMITS.upper)

@@ -6,13 +6,13 @@ that there is no call for it here; the maker's app or a restart brings the robot
 
 from __future__ import annotations
 
-import json
 from typing import Protocol
 
 from hotice import checks
 from hotice.deploy.clock import Clock
 from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.messages.rpc import Response
+from hotice.documents import parse_json
 
 SERVICE = "motion_switcher"
 CHECK, RELEASE = 1001, 1003
@@ -39,10 +39,7 @@ def active_controller(service: Service, *, timeout_s: float = TIMEOUT_S) -> str:
         InvalidConfig: `timeout_s` is not a number above 0
     """
     answer = _called(service, CHECK, timeout_s)
-    try:
-        data = json.loads(answer.data)
-    except (ValueError, RecursionError) as error:
-        raise ServiceError(f"the motion switcher answered {answer.data[:80]!r}: JSON is needed ({error})") from None
+    data = parse_json(f"the motion switcher answered {answer.data[:80]!r}, which", answer.data, ServiceError)
     name = data.get("name") if isinstance(data, dict) else None
     if not isinstance(name, str):
         raise ServiceError(f"the motion switcher answered {answer.data[:80]!r}: an object with a text 'name' is needed")

@@ -11,7 +11,7 @@ from hotice.evaluate.trials import CAUSES, DEEP_M, PLURAL, Trials
 from hotice.version import source_version
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from hotice.console import PlainConsole
 
 FORMAT = "hotice-report/1"
 SHOWN = {"robot_collision": "robot\nhit", "object_collision": "object\nhit", "fall": "fall", "drop": "drop"}
@@ -40,7 +40,7 @@ def make_report(carrier: Carrier, config: EvaluateConfig, scores: Sequence[tuple
     }
 
 
-def print_report(report: dict[str, Any], console: Console) -> None:
+def print_report(report: dict[str, Any], console: PlainConsole) -> None:
     """Prints the report as a table."""
     from rich import box
     from rich.table import Table

@@ -16,8 +16,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
+from hotice.console import PlainConsole
 from hotice.errors import Stopped
 from hotice.evaluate.carriers import Carrier, load_carrier
 from hotice.evaluate.config import EvaluateConfig
@@ -38,7 +37,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         check_folder(_trials_of(config.out))
         check_unowned(_trials_of(config.out))
     scorer = Scorer.of(config)
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     if config.out is None:
         done = _score_all(scorer, carrier, None)
     else:
@@ -51,7 +50,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     report = make_report(carrier, config, scores)
     if config.out is not None:
         write_text(config.out, json.dumps(report, indent=1) + "\n")
-    print_report(report, Console(width=None if Console().is_terminal else 130))
+    print_report(report, PlainConsole(width=None if PlainConsole().is_terminal else 130))
     return report
 
 
@@ -60,18 +59,14 @@ def _trials_of(out: Path) -> Path:
     return Path(f"{out}.trials")
 
 
-def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: Console) -> TrialStore:
+def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: PlainConsole) -> TrialStore:
     """Store of earlier trials beside the report; prints whether the evaluation goes on from them."""
     names = [scene.name for scene in scorer.scenes]
     store = TrialStore(_trials_of(out), scorer.settings(carrier), names)
     if store.changed:
-        console.print(
-            f"{store.folder} was made with another {', '.join(store.changed)}: starting anew", highlight=False
-        )
+        console.print(f"{store.folder} was made with another {', '.join(store.changed)}: starting anew")
     elif store.blocks:
-        console.print(
-            f"{len(store.blocks)} of {len(scorer.blocks())} blocks are in {store.folder}: going on", highlight=False
-        )
+        console.print(f"{len(store.blocks)} of {len(scorer.blocks())} blocks are in {store.folder}: going on")
     return store
 
 

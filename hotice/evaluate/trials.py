@@ -11,8 +11,9 @@ from typing import Any
 
 from hotice import checks
 from hotice.checks import shown
+from hotice.documents import read_json
 from hotice.errors import HoticeError, InputError
-from hotice.files import make_folder, read_bytes, write_text
+from hotice.files import make_folder, write_text
 
 CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan")
 PLURAL = {
@@ -173,18 +174,18 @@ def block_sizes(settings: Any) -> dict[int, int] | None:
 def _read_settings(folder: Path) -> Any:
     """Settings of the evaluation whose trials are in a folder; None where there are none that can be read."""
     try:
-        return json.loads(read_bytes(folder / SETTINGS, MAX_FILE_BYTES))
-    except (InputError, ValueError, RecursionError):
+        return read_json(folder / SETTINGS, MAX_FILE_BYTES)
+    except InputError:
         return None
 
 
 def _read_blocks(file: Path, sizes: dict[int, int] | None) -> tuple[str, dict[int, Trials]]:
     """Name of the scene and its trials by block. Raises `InputError`, also for values that no trial can have."""
     try:
-        content = json.loads(read_bytes(file, MAX_FILE_BYTES))
+        content = read_json(file, MAX_FILE_BYTES)
         blocks = {_block(b, sizes): _trials(values, b, sizes) for b, values in content["blocks"].items()}
         return str(content.get("name", file.stem)), blocks
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, InvalidTrials) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, InputError, InvalidTrials) as error:
         why = f" ({error})" if isinstance(error, InvalidTrials) else ""
         raise InputError(
             f"{file}: is no file of trials, changed or damaged{why}: remove it to run its trials anew"
@@ -270,8 +271,8 @@ class TrialStore:
         if not (self.folder / SETTINGS).exists():
             return []
         try:
-            old, new = json.loads(read_bytes(self.folder / SETTINGS, MAX_FILE_BYTES)), json.loads(text)
-        except ValueError:
+            old, new = read_json(self.folder / SETTINGS, MAX_FILE_BYTES), json.loads(text)
+        except InputError:
             return [SETTINGS]
         if not isinstance(old, dict):
             return [SETTINGS]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import warnings
 import zlib
 from collections.abc import Sequence
@@ -20,7 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import OutputError
+from hotice.caches import cache_folder
+from hotice.documents import parse_json
+from hotice.errors import InputError, OutputError
 from hotice.fields.grid import Grid
 from hotice.fields.volumes import NODE_BYTES, SceneNodes, Volumes, arrange
 from hotice.files import make_folder, write_bytes, written_aside
@@ -30,6 +31,7 @@ from hotice.model.scene import Scene
 SOLVER = "hotice-field/5"
 """Changes whenever equal scenes may give other values."""
 _HEADER_BYTES = 4096
+_MOST_HEADER_BYTES = 64 * 2**20
 
 
 class BrokenCacheFile(UserWarning):
@@ -37,8 +39,8 @@ class BrokenCacheFile(UserWarning):
 
 
 def default_folder() -> Path:
-    """`$HOTICE_CACHE`, or `~/.cache/hotice/fields`."""
-    return Path(os.environ.get("HOTICE_CACHE") or Path.home() / ".cache" / "hotice" / "fields")
+    """Folder of solved scenes, see `hotice.caches`. Raises `OutputError`."""
+    return cache_folder("fields")
 
 
 def scene_key(scene: Scene, resolution_m: float, margins_m: tuple[float, ...]) -> str:
@@ -153,8 +155,8 @@ def _open(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8]] | None:
     """Header and mapped content (private: writes to it stay in memory), or None when it is not whole."""
     try:
         with path.open("rb") as file:
-            line = file.readline()
-        header = json.loads(line)
+            line = file.readline(_MOST_HEADER_BYTES)
+        header = parse_json(str(path), line)
         sizes = [int(np.prod(s)) for s in header["shapes"]]
         whole = header["format"] == SOLVER and header["length"] == NODE_BYTES * sum(sizes)
         if not whole or path.stat().st_size != len(line) + header["length"]:
@@ -162,5 +164,5 @@ def _open(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8]] | None:
         raw = np.memmap(path, dtype=np.uint8, mode="c", offset=len(line))
         facts = {name: value for name, value in header.items() if name != "crc"}
         return (header, raw) if _crc(facts, [raw.data]) == header["crc"] else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, OverflowError, KeyError, TypeError, InputError):
         return None

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import torch
 
+from hotice.caches import settle_torch
 from hotice.errors import CheckpointError
 from hotice.files import write_bytes
 from hotice.learn.policy import OnnxPolicy, TorchPolicy
@@ -25,6 +26,7 @@ def export_onnx(policy: TorchPolicy, path: Path) -> Path:
 
     size = sum(width for _, width in policy.meta["layout"])
     example = torch.zeros(2, size)
+    settle_torch()
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from hotice.errors import CheckpointError, UnknownName
+from hotice.files import is_file, is_folder
 from hotice.learn.checkpoints.average import averaged
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.checkpoints.health import check_weights
@@ -72,9 +73,9 @@ def load_policy(name_or_path: str | Path, threads: int = 0) -> Policy:
     if text in shipped_policies():
         return OnnxPolicy(POLICIES / f"{text}.onnx", text, threads)
     path = Path(text)
-    if text and path.is_dir():
+    if is_folder(text):
         return torch_policy(path)
-    if path.suffix == ".onnx" or path.is_file():
+    if path.suffix == ".onnx" or is_file(path):
         return OnnxPolicy(path, threads=threads)
     if len(path.parts) > 1:
         raise CheckpointError(f"{path}: no such policy file or checkpoint folder")

@@ -36,6 +36,7 @@ ELBOWS_OUT_M = (0.0, 0.15)
 """From the middle to each elbow at least, tried in turn: anywhere; a centimetre more than half the chest and the
 forearm take."""
 MAX_INSIDE_M = 0.0005
+_ACTION = np.array([g1.ALL_JOINTS.index(j) for j in g1.ACTION_JOINTS])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +100,7 @@ class _Kinematics:
         self.action_qpos = [self.qpos_of[j] for j in g1.ACTION_JOINTS]
         self.wrist_qpos = [self.qpos_of[j] for j in g1.WRIST_JOINTS]
         self.action_dof = [self.model.joint(j).dofadr[0] for j in g1.ACTION_JOINTS]
+        self.joint_dof = [self.model.joint(j).dofadr[0] for j in g1.ALL_JOINTS]
         self.palm_id = {s: [self.model.geom(f"{s}_palm_{i}").id for i in range(4)] for s in g1.SIDES}
         self.elbow_body = self.model.body("left_elbow_link").id
         self.hand_body = {s: self.model.body(f"{s}_wrist_yaw_link").id for s in g1.SIDES}
@@ -276,7 +278,7 @@ def _contact_jacobian(kin: _Kinematics, body: int, point: NDArray) -> NDArray:
 
 
 def _static_torque(kin: _Kinematics, carried: CarriedObject, object_pos: NDArray, squeeze_n: float) -> NDArray:
-    """τ = g(q) − Σ Jᵀ f over both soles and both palms, (20,) [N m]."""
+    """τ = g(q) − Σ Jᵀ f over both soles and both palms, (29,) [N m] in the order of `g1.ALL_JOINTS`."""
     kin.update()
     mujoco.mj_comPos(kin.model, kin.data)
     kin.data.qvel[:] = 0
@@ -294,7 +296,15 @@ def _static_torque(kin: _Kinematics, carried: CarriedObject, object_pos: NDArray
         total = float(kin.model.body_mass.sum()) * GRAVITY + weight
         sole = kin.data.geom_xpos[kin.sole_id[side]].mean(axis=0) - [0.0, 0.0, 0.005]
         torque -= _contact_jacobian(kin, kin.foot_body[side], sole).T @ np.array([0.0, 0.0, 0.5 * total])
-    return torque[kin.action_dof]
+    return torque[kin.joint_dof]
+
+
+def holding_torques(state: CarryState) -> NDArray:
+    """Static torques of all 29 joints in a carry state, (29,) [N m], waist and wrists too; order `g1.ALL_JOINTS`."""
+    kin = _Kinematics(state.posture)
+    kin.q[:], kin.wrist[:] = state.joint_pos, state.wrist_pos
+    object_pos_P = np.asarray(state.object_pos_W - state.root_pos_W, dtype=float)
+    return _static_torque(kin, state.carried, object_pos_P, state.squeeze_n)
 
 
 def solve_carry(
@@ -328,7 +338,7 @@ def solve_carry(
         )
     kin = _Kinematics(posture)
     object_pos = _solve_grasp(kin, posture, carried, grasp_height_m)
-    torque = _static_torque(kin, carried, object_pos, squeeze)
+    torque = _static_torque(kin, carried, object_pos, squeeze)[_ACTION]
     share = np.abs(torque[g1.UPPER]) / kin.torque_limit[g1.UPPER]
     if share.max() > ARM_TORQUE_SHARE:
         joint = g1.ARM_JOINTS[int(share.argmax())]
@@ -383,7 +393,7 @@ def carry_state_at(
     """
     kin = _Kinematics(Posture(lean_rad=lean_rad))
     kin.q[:], kin.wrist[:] = joint_pos, wrist_pos
-    torque = _static_torque(kin, carried, np.asarray(object_pos_P, dtype=float), squeeze_n)
+    torque = _static_torque(kin, carried, np.asarray(object_pos_P, dtype=float), squeeze_n)[_ACTION]
     soles = kin.data.geom_xpos[[i for ids in kin.sole_id.values() for i in ids], 2]
     posture = Posture(pelvis_height_m=float(0.005 - soles.min()), lean_rad=lean_rad)
     return _at_rest(kin, carried, posture, np.asarray(object_pos_P, dtype=float), squeeze_n, torque)

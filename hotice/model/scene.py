@@ -8,7 +8,6 @@ map the scene was cut from, and where that map lies in W; files without it stay 
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hotice import checks
 from hotice.checks import shown
-from hotice.errors import InputError, InvalidScene, OutputError
-from hotice.files import check_folder, make_folder, output_file, read_bytes, write_bytes
+from hotice.documents import read_json
+from hotice.errors import InvalidScene, OutputError
+from hotice.files import check_folder, make_folder, output_file, write_bytes
 from hotice.model.frames import quat_to_mat
 from hotice.model.geometry.lengths import COORDINATE
 from hotice.model.geometry.shapes import MeshShape, Shape, shape_from_dict
@@ -171,10 +171,9 @@ class Scene:
     def load(cls, path: str | Path) -> Scene:
         """Reads a scene file. Raises `InvalidScene` naming the file and what is wrong with it."""
         path = Path(path)
+        data = read_json(path, MAX_FILE_BYTES, InvalidScene, finite=True)
         try:
-            return cls.from_dict(_read_json(path), folder=path.parent)
-        except InputError as error:
-            raise InvalidScene(str(error)) from None
+            return cls.from_dict(data, folder=path.parent)
         except InvalidScene as error:
             raise InvalidScene(f"{path}: {error}") from None
 
@@ -277,25 +276,6 @@ def _obstacle_from_dict(index: int, entry: Any, folder: Path | None) -> Obstacle
         raise InvalidScene(f"obstacle {entry['name']!r}: {error}") from None
     quat = entry.get("quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))
     return Obstacle(entry["name"], entry["category"], shape, entry["position_m"], quat)
-
-
-def _read_json(path: Path) -> Any:
-    def constant(word: str) -> float:
-        raise InvalidScene(f"holds {word}: numbers must be finite")
-
-    def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
-        mapping = dict(items)
-        if len(mapping) < len(items):
-            twice = Counter(key for key, _ in items).most_common(1)[0][0]
-            raise InvalidScene(f"key {shown(twice)} occurs twice in one mapping")
-        return mapping
-
-    try:
-        return json.loads(read_bytes(path, MAX_FILE_BYTES).decode(), parse_constant=constant, object_pairs_hook=pairs)
-    except RecursionError:
-        raise InvalidScene("is not a scene: its JSON is nested too deeply") from None
-    except ValueError as error:
-        raise InvalidScene(f"is not JSON: {error}") from None
 
 
 def _copy_mesh(shape: MeshShape, folder: Path) -> list[Path]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from hotice.errors import InvalidScene, UnknownName
+from hotice.files import is_file, is_folder
 from hotice.model.scene import Scene
 
 SHIPPED = Path(__file__).resolve().parent.parent / "scenes"
@@ -32,7 +33,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     if text in shipped_scenes() or text in shipped_sets().get(folder, ()):
         return Scene.load(SHIPPED / folder / f"{rest}.json")
     path = Path(text)
-    if path.suffix == ".json" or len(path.parts) > 1 or _is(path.is_file):
+    if path.suffix == ".json" or len(path.parts) > 1 or is_file(path):
         return Scene.load(path)
     raise UnknownName("scene", text, (*shipped_scenes(), *shipped_sets()), "the path of a .json file")
 
@@ -44,7 +45,7 @@ def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
         names = shipped_sets().get(str(item))
         if names is not None:
             scenes += [load_scene(name) for name in names]
-        elif str(item) and str(item) not in shipped_scenes() and _is(Path(item).is_dir):
+        elif str(item) not in shipped_scenes() and is_folder(item):
             files = sorted(Path(item).glob("*.json"))
             if not files:
                 raise InvalidScene(f"{item}: the folder holds no .json scene file")
@@ -66,11 +67,3 @@ def resolve_item(item: str) -> list[Scene]:
     from hotice.model.generate.families import family_from_text
 
     return family_from_text(str(item).removeprefix(FAMILY_PREFIX))
-
-
-def _is(question: Callable[[], bool]) -> bool:
-    """The answer about a path; False for text that no path can be."""
-    try:
-        return question()
-    except (OSError, ValueError):
-        return False

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.fields.command import heading_error, navigation_command
+from hotice.fields.defaults import ETA
 from hotice.fields.hod_pf import HodPf
 from hotice.model import g1
 from hotice.policy.percept import NUM_POINTS, NUM_SGF, Percept
@@ -21,6 +22,8 @@ from hotice.task.scan import NUM_SCAN, scan_points
 Array = NDArray[np.float64]
 NUM_FIELD = NUM_POINTS + 8
 """Points that read a field: 9 keypoints the SGF; hands and 8 object keypoints the object's field."""
+FAR_M = 2.0
+"""What is read for the distance to an obstacle where none is known [m]."""
 _FEET = [g1.SGF_KEYPOINTS.index(name) for name in ("left_foot", "right_foot")]
 _STEERED = [g1.SGF_KEYPOINTS.index(name) for name in g1.STEERED_KEYPOINTS]
 
@@ -80,3 +83,27 @@ def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
     reading.goal_distance[0] = math.hypot(*offset_W.tolist())
     reading.scan[:] = sgf_distance[NUM_SGF:] if task.scan else 0.0
     return reading
+
+
+def read_standing(reading: FieldReading, percept: Percept, place_W: Array, task: PolicyTask) -> FieldReading:
+    """The reading of a robot whose goal is where it stands: how a policy that only knows goals is told to stop.
+
+    With a command of zero alone it follows the fields on to their goal, and without fields, which it never saw, it
+    falls; so the fields lead to `place_W` (3,) [m], at the height of goals, over a free floor. Distances to obstacles
+    stay; what is not finite of them counts as far.
+    """
+    points = np.concatenate([percept.p_WK, percept.p_WOK])
+    to_place = place_W - points
+    apart = np.maximum(np.linalg.norm(to_place, axis=1, keepdims=True), 1e-6)
+    offset_W = place_W[:2] - percept.p_WP[:2]
+    force_W = ETA * to_place / apart
+    c_W, speed = navigation_command(force_W[_STEERED], offset_W, ETA, task.speed_m_s, task.stop_gain_hz)
+    return FieldReading.of(
+        force_W=force_W,
+        distance=np.where(np.isfinite(reading.distance), reading.distance, FAR_M),
+        c_W=c_W,
+        speed=speed,
+        heading_error=heading_error(c_W, speed, float(percept.yaw[0]), task.speed_m_s),
+        goal_distance=math.hypot(*offset_W.tolist()),
+        scan=np.where(np.isfinite(reading.scan), reading.scan, FAR_M if task.scan else 0.0),
+    )

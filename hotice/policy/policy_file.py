@@ -15,14 +15,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import CheckpointError, UnknownName
+from hotice import checks
+from hotice.documents import parse_json
+from hotice.errors import CheckpointError, InputError, UnknownName
+from hotice.files import read_bytes
 from hotice.machine import usable_cores
+from hotice.model.g1 import ACTIONS
+from hotice.policy.onnx_graph import MOST_WIDTH, graph_fault
 from hotice.task.history import FRAME
 
 FORMAT = "hotice-policy/1"
 POLICIES = Path(__file__).resolve().parents[1] / "policies"
 KEY = "hotice"
 OBSERVATION, ACTION = "observation", "action"
+MAX_BYTES = 256 * 2**20
+MOST_ROWS = 1000
 
 
 class PolicySession:
@@ -41,12 +48,20 @@ class PolicySession:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads or usable_cores()
         options.log_severity_level = 3
-        self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        try:
+            self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+            trial = self.run(np.zeros((2, sum(width for _, width in self.layout)), np.float32))
+        except _runtime_errors() as error:
+            raise CheckpointError(f"{path}: onnxruntime cannot run it: {_first_line(error)}") from None
+        if trial.shape != (2, ACTIONS):
+            raise CheckpointError(
+                f"{path}: gives actions of shape {trial.shape} for 2 robots: (2, {ACTIONS}) is needed"
+            )
 
     @property
     def layout(self) -> list[tuple[str, int]]:
         """Names and widths of the observation's rows."""
-        return [(name, width) for name, width in self.meta["layout"]]
+        return _rows(self.name, self.meta["layout"])
 
     def run(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Actions (N, 20) of raw observations (N, O)."""
@@ -80,36 +95,40 @@ def read_onnx_meta(content: bytes, path: Path) -> dict[str, Any]:
     entries = {e.key: e.value for e in model.metadata_props}
     if KEY not in entries:
         raise CheckpointError(f"{path}: is an ONNX file but no hotice policy: write one with `hotice export`")
-    try:
-        meta = json.loads(entries[KEY])
-    except ValueError:
-        raise CheckpointError(f"{path}: description of the policy is not JSON: the file was changed") from None
+    meta = parse_json(f"{path}: description of the policy", entries[KEY], CheckpointError)
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         got = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
-        raise CheckpointError(f"{path}: policy format is {got!r}: known is {FORMAT!r}")
+        raise CheckpointError(f"{path}: policy format is {checks.shown(got)}: known is {FORMAT!r}")
     del model.metadata_props[:]
     if content_hash(model, {k: v for k, v in meta.items() if k != "sha256"}) != meta.get("sha256"):
         raise CheckpointError(f"{path}: truncated or changed since it was exported (SHA-256 differs)")
-    check_finite(model.graph, path)
+    _check_meta(str(path), meta)
+    width = sum(width for _, width in _rows(str(path), meta["layout"]))
+    if fault := graph_fault(model, (OBSERVATION, width), (ACTION, ACTIONS)):
+        raise CheckpointError(f"{path}: is no policy as `hotice export` writes it: {fault}")
+    _check_finite(model.graph, path)
     return meta
 
 
-def check_finite(graph: Any, path: Path) -> None:
-    """Raises `CheckpointError` when a weight or constant of an ONNX graph is NaN or infinite."""
+def _check_finite(graph: Any, path: Path) -> None:
+    """Raises `CheckpointError` when a weight or a number of a sound graph is NaN or infinite."""
     from onnx import numpy_helper
 
-    attributes = [(node, a) for node in graph.node for a in node.attribute]
-    numbers = [(f"{node.op_type}'s {a.name}", np.array([a.f, *a.floats])) for node, a in attributes]
-    tensors = [(tensor.name, tensor) for tensor in graph.initializer]
-    for node, a in attributes:
-        tensors += [(f"{node.op_type}'s {a.name}", t) for t in (*([a.t] if a.HasField("t") else []), *a.tensors)]
-    try:
-        numbers += [(name, numpy_helper.to_array(tensor)) for name, tensor in tensors]
-    except (ValueError, TypeError) as error:
-        raise CheckpointError(f"{path}: a tensor cannot be read: {str(error).splitlines()[0]}") from None
-    for name, values in numbers:
-        if values.dtype.kind == "f" and not np.isfinite(values).all():
+    numbers = [
+        (f"{node.op_type}'s {a.name}", np.array([a.f, *a.floats])) for node in graph.node for a in node.attribute
+    ]
+    for name, values in [*numbers, *((t.name, numpy_helper.to_array(t)) for t in graph.initializer)]:
+        if not np.isfinite(values).all():
             raise CheckpointError(f"{path}: {name} is not finite: the run had diverged, export an older checkpoint")
+
+
+def _check_meta(name: str, meta: dict[str, Any]) -> None:
+    """Raises `CheckpointError` for a description that lacks what readers rely on."""
+    for key, kind in (("preset", str), ("layout", list), ("task", dict)):
+        if not isinstance(meta.get(key), kind):
+            raise CheckpointError(f"{name}: {key} is {checks.shown(meta.get(key))}: the file was changed")
+    if not isinstance(meta.get("trained", {}), dict):
+        raise CheckpointError(f"{name}: trained is {checks.shown(meta['trained'])}: the file was changed")
 
 
 def check_layout(name: str, theirs: Sequence[Sequence[Any]], layout: Sequence[tuple[str, int]]) -> None:
@@ -128,8 +147,11 @@ def check_layout(name: str, theirs: Sequence[Sequence[Any]], layout: Sequence[tu
 def _rows(name: str, layout: Any) -> list[tuple[str, int]]:
     """Names and widths as a file gives them. Raises `CheckpointError` for anything else."""
     try:
-        return [(str(row), int(width)) for row, width in layout]
-    except (TypeError, ValueError):
+        rows = [(str(row), int(width)) for row, width in layout]
+        if not all(0 < width <= MOST_WIDTH for _, width in rows) or len(rows) > MOST_ROWS:
+            raise ValueError("impossible widths")
+        return rows
+    except (TypeError, ValueError, OverflowError):
         raise CheckpointError(
             f"{name}: its observation layout is no list of names and widths: the file was changed"
         ) from None
@@ -155,6 +177,18 @@ def content_hash(model: Any, meta: dict[str, Any]) -> str:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
-    except OSError as error:
-        raise CheckpointError(f"{path}: cannot be read: {error.strerror or error}") from None
+        return read_bytes(path, MAX_BYTES)
+    except InputError as error:
+        raise CheckpointError(str(error)) from None
+
+
+def _runtime_errors() -> tuple[type[Exception], ...]:
+    """Errors of onnxruntime, which have no common kind of their own."""
+    from onnxruntime.capi import onnxruntime_pybind11_state as state
+
+    found = [value for value in vars(state).values() if isinstance(value, type) and issubclass(value, Exception)]
+    return tuple(found)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]

@@ -15,8 +15,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hotice.errors import HoticeError
-from hotice.files import write_bytes
+from hotice.documents import parse_json
+from hotice.errors import HoticeError, InputError
+from hotice.files import read_bytes, write_bytes
 from hotice.model.geometry.shapes import MeshShape
 from hotice.model.objects import CarriedObject, object_from_dict
 from hotice.model.scene import Scene
@@ -25,6 +26,7 @@ from hotice.task.rules import OUTCOMES
 
 FORMAT = "hotice-rollout/1"
 MAX_FILE_BYTES = 512 * 2**20
+MAX_UNPACKED_BYTES = 4 * MAX_FILE_BYTES
 _TYPE_NAMES = {int(getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}")): name for name in SOLIDS}
 _unpacked: list[tempfile.TemporaryDirectory] = []  # meshes of loaded records, kept until the program ends
 
@@ -250,17 +252,22 @@ class RolloutRecord:
     def load(cls, path: str | Path) -> RolloutRecord:
         """Reads what `save` wrote; nothing in the file is executed. Raises `InvalidRollout` naming the file."""
         try:
-            if Path(path).stat().st_size > MAX_FILE_BYTES:
-                raise InvalidRollout(f"is larger than {MAX_FILE_BYTES // 2**20} MiB")
-            with np.load(path, allow_pickle=False) as archive:
+            content = read_bytes(path, MAX_FILE_BYTES)
+            with zipfile.ZipFile(io.BytesIO(content)) as packed:
+                unpacked = sum(entry.file_size for entry in packed.infolist())
+            if unpacked > MAX_UNPACKED_BYTES:
+                raise InvalidRollout(f"unpacks to more than {MAX_UNPACKED_BYTES // 2**20} MiB")
+            with np.load(io.BytesIO(content), allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}
-            text = json.loads(arrays.pop("json").tobytes())
+            text = parse_json("its description", arrays.pop("json").tobytes(), InvalidRollout)
             if text.pop("format") != FORMAT:
                 raise InvalidRollout(f"is not of format {FORMAT}")
             folder = _unpack_meshes(text.pop("meshes"), arrays)
             text["scene"] = Scene.from_dict(text["scene"], folder=folder)
             text["carried"] = object_from_dict(text["carried"])
             return cls(**text, **arrays)
+        except InputError as error:
+            raise InvalidRollout(str(error)) from None
         except OSError as error:
             raise InvalidRollout(f"{path}: cannot be read: {error.strerror or error}") from None
         except (zipfile.BadZipFile, KeyError, TypeError, AttributeError, ValueError, EOFError) as error:

@@ -5,8 +5,6 @@ The result is one page that loads nothing from anywhere; `hotice scene show` ser
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
 from collections.abc import Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -19,6 +17,7 @@ from hotice.errors import HoticeError
 from hotice.model import Box, Scene
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate, quat_to_mat
 from hotice.model.scene import GOAL_HEIGHT_M
+from hotice.replay.meshcat_page import page_viewer
 from hotice.replay.picture import ARROW_M, CATEGORY_COLORS, FIELD_SCALE, GOAL_COLOR, OBJECT_COLOR, OGF_COLOR, SGF_COLOR
 from hotice.replay.rollout import RolloutRecord
 from hotice.replay.solids import obstacle_triangles, placed, triangles
@@ -43,26 +42,22 @@ def scene_page(scenes: Sequence[Scene], *, robot: bool = True, arrows: bool = Fa
     """
     if not scenes:
         raise HoticeError("no scene to show")
-    viewer = _viewer()
-    try:
-        columns = math.ceil(math.sqrt(len(scenes)))
-        pitch = np.max([np.ptp(s.bounds_m, axis=0) for s in scenes], axis=0) + GAP_M
-        for n, scene in enumerate(scenes):
-            row, column = divmod(n, columns)
-            offset = -np.array([*np.mean(scene.bounds_m, axis=0)[:2], 0.0]) + [column * pitch[0], -row * pitch[1], 0.0]
-            at = viewer[f"{n + 1} {viewer_names([scene.name])[0]}"]
-            at.set_transform(_translation(offset))
-            _add_scene(at, scene)
-            if robot:
-                _add_robot(at, scene)
-            if arrows:
-                _add_arrows(at, scene)
-        viewer["/Grid"].set_property("visible", False)
-        viewer["/Axes"].set_property("visible", False)
-        return viewer.static_html()
-    finally:
-        viewer.window.server_proc.kill()
-        viewer.window.server_proc.wait()
+    viewer = page_viewer()
+    columns = math.ceil(math.sqrt(len(scenes)))
+    pitch = np.max([np.ptp(s.bounds_m, axis=0) for s in scenes], axis=0) + GAP_M
+    for n, scene in enumerate(scenes):
+        row, column = divmod(n, columns)
+        offset = -np.array([*np.mean(scene.bounds_m, axis=0)[:2], 0.0]) + [column * pitch[0], -row * pitch[1], 0.0]
+        at = viewer[f"{n + 1} {viewer_names([scene.name])[0]}"]
+        at.set_transform(_translation(offset))
+        _add_scene(at, scene)
+        if robot:
+            _add_robot(at, scene)
+        if arrows:
+            _add_arrows(at, scene)
+    viewer["/Grid"].set_property("visible", False)
+    viewer["/Axes"].set_property("visible", False)
+    return viewer.static_html()
 
 
 def viewer_names(names: Sequence[str]) -> list[str]:
@@ -120,17 +115,6 @@ def start_solids(scene: Scene) -> RolloutRecord:
     return RolloutRecord.from_states(
         model, qpos, scene=scene, carried=CARRIED, time_s=[0.0], outcome="running", policy="none"
     )
-
-
-def _viewer() -> Any:
-    try:
-        import meshcat
-    except ImportError:
-        raise HoticeError(
-            "the scene viewer needs meshcat: pip install 'hotice[drake]', or pip install meshcat"
-        ) from None
-    with contextlib.redirect_stdout(io.StringIO()):  # it announces a server that is gone when the page is written
-        return meshcat.Visualizer()
 
 
 def _add_scene(at: Any, scene: Scene) -> None:

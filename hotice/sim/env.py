@@ -14,7 +14,6 @@ from torch import Tensor
 
 from hotice import checks
 from hotice.fields.bank import FieldBank
-from hotice.model import g1
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.sim.carry_bank import CarryBank
@@ -158,10 +157,11 @@ class TransportEnv:
             self.policy_table.columns(KNOWN_ROWS).to(self.device),
             self.layout.chains,
         )
-        scale = torch.full((g1.ACTIONS,), cfg.leg_scale_rad, device=self.device)
-        scale[g1.UPPER] = cfg.arm_scale_rad
-        self.action_scale = scale
+        self.action_scale = torch.tensor(cfg.action_scale, dtype=torch.float32, device=self.device)
         self.unstable = 0
+        """Episodes that ended so; among them:"""
+        self.invalid_actions = 0
+        """Episodes that ended since this environment was made because an action was not finite."""
         self.restarts = True
         """Whether what has ended is started anew; evaluation starts nothing anew: a trial's draws then depend on no
         other."""
@@ -210,12 +210,15 @@ class TransportEnv:
         return self.read.clone(), self._privileged(s, self.everyone)
 
     def step(self, action: Tensor) -> Step:
-        """One control step (20 ms) with actions (N, 20)."""
-        self._act(action)
+        """One control step (20 ms) with actions (N, 20).
+
+        An action that is not finite ends its episode as `unstable`; until then its robot holds the object.
+        """
+        invalid = self._act(action)
         push(self.physics, self.config, self.generator)
         place = torch.nan_to_num(self.physics.qpos[:, :2])
         self._advance()
-        unstable = self._contain(place)
+        unstable = self._contain(place, invalid)
         s = self.snapshot()
         outcome = self._outcome(s, unstable)
         truncated = outcome == OUTCOMES.index("timeout")
@@ -256,19 +259,25 @@ class TransportEnv:
             self_depth=self_depth,
         )
 
-    def _act(self, action: Tensor) -> None:
-        """Turns actions into servo targets around the carry state, advances the clock and records what was read."""
+    def _act(self, action: Tensor) -> Tensor:
+        """Turns actions into servo targets around the carry state, advances the clock and records what was read.
+
+        Returns which environments' actions are not finite, (N,) bool; zero takes their place.
+        """
         m = self.memory
         if self.config.history:
             m.past = torch.cat([self.read[:, self.frame], m.past[:, : -history.FRAME]], dim=1)
             m.true_past = torch.cat([self.truth[:, self.frame], m.true_past[:, : -history.FRAME]], dim=1)
         limit = self.config.action_limit
         m.last_action = m.action
-        m.action = torch.nan_to_num(action.detach().to(self.device, torch.float32), nan=0.0).clamp(-limit, limit)
+        action = action.detach().to(self.device, torch.float32)
+        invalid = ~torch.isfinite(action).all(dim=1)
+        m.action = action.masked_fill(invalid[:, None], 0.0).clamp(-limit, limit)
         target = self.carry.target[m.model] + self.action_scale * m.action
         self.physics.ctrl[:] = target.to(self.physics.ctrl.dtype)
         m.phase = (m.phase + 2 * torch.pi * self.config.gait_hz * self.config.control_dt_s) % (2 * torch.pi)
         m.step = m.step + 1
+        return invalid
 
     def _advance(self) -> None:
         """Physics of one control step; until a delayed target arrives, the motors hold the one before."""
@@ -297,11 +306,15 @@ class TransportEnv:
         self.truth[ids] = rows[:, : self.policy_table.size]
         return rows
 
-    def _contain(self, place: Tensor) -> Tensor:
-        """Diverged simulations, (N,) bool; until their restart they are held at their last `place` (N, 2) [m]."""
+    def _contain(self, place: Tensor, invalid: Tensor) -> Tensor:
+        """Diverged simulations and those with an `invalid` action (N,), (N,) bool.
+
+        Until their restart they are held at their last `place` (N, 2) [m].
+        """
         p = self.physics
-        bad = diverged(p.qpos, p.qvel)
+        bad = diverged(p.qpos, p.qvel) | invalid
         if bad.any():
+            self.invalid_actions += int(invalid.sum())
             ids = torch.nonzero(bad).squeeze(1)
             self.unstable += len(ids)
             upright = torch.nn.functional.pad(place[ids].double(), (0, 1))

@@ -6,7 +6,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, LeafSy
 
 from hotice.errors import InvalidStation
 
-OPTIONAL_PORTS = frozenset({"active", "footsteps"})
+OPTIONAL_PORTS = frozenset(
+    {"active", "answer", "damped", "footsteps", "sources", "status", "carry_status", "pickup_status", "walk_status"}
+    | {"watched_guidance", "watched_percept"}
+)
 """Input ports that may stay open: their systems say what happens then."""
 
 

@@ -18,6 +18,8 @@ from hotice.control import Command, Controller, Measurement
 from hotice.errors import InvalidStation
 from hotice.model import g1
 from hotice.model.frames import rotation_z
+from hotice.safety import Fault
+from hotice.systems.failing import CONTROLLER_ERRORS, Message, message_of
 from hotice.systems.signals import (
     CONTACT_FORCE,
     JOINT_POS,
@@ -33,7 +35,7 @@ from hotice.systems.signals import (
 
 Array = NDArray[np.float64]
 UNKNOWN_PHASE = -1.0
-TORQUE, PHASE, FAULTS = range(3)
+TORQUE, PHASE, FAULTS, STATE = range(4)
 
 
 def measurement_of(
@@ -91,7 +93,10 @@ class ControllerSystem(LeafSystem):
 
     Inputs `robot_state` (84,), `contact_force` (12,); `active` (1,), optional: while it is 0 the controller rests.
     Outputs `torque` (20,) [N m], held between steps; `phase` (1,): index into `phases`, -1 for another; `faults` (1,):
-    steps that were answered with a fallback.
+    steps that were answered with a fallback; `status` (2,): see `signals`.
+
+    A step that was answered with a fallback, and an exception among `CONTROLLER_ERRORS`, are a fault in `status`; after
+    an exception torque and memory stay as they were, and the next step tries again. `message` says what happened last.
 
     Args:
         controller: started at the first step.
@@ -110,12 +115,14 @@ class ControllerSystem(LeafSystem):
         super().__init__()
         rate = checks.number("the controller's rate_hz", controller.rate_hz, checks.POSITIVE, InvalidStation)
         self.controller, self.phases, self.origin = controller, tuple(phases), origin
-        groups = [self.DeclareDiscreteState(v) for v in (np.asarray(torque, float), [UNKNOWN_PHASE], np.zeros(1))]
+        rest = (np.asarray(torque, float), [UNKNOWN_PHASE], np.zeros(1), [np.nan, 0.0])
+        groups = [self.DeclareDiscreteState(value) for value in rest]
         self.DeclareAbstractState(AbstractValue.Make(_Held(None)))
+        self.DeclareAbstractState(AbstractValue.Make(Message()))
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         self._force = self.DeclareVectorInputPort("contact_force", CONTACT_FORCE)
         self._active = self.DeclareVectorInputPort("active", 1)
-        for name, group in zip(("torque", "phase", "faults"), groups, strict=True):
+        for name, group in zip(("torque", "phase", "faults", "status"), groups, strict=True):
             self.DeclareStateOutputPort(name, group)
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / rate, 0.0, self._act)
 
@@ -123,17 +130,32 @@ class ControllerSystem(LeafSystem):
         """The controller's memory in this system's own Context; None before the first step."""
         return context.get_abstract_state(0).get_value().memory
 
+    def message(self, context: Context) -> str:
+        """What this system's own Context says of the last fault; empty before the first."""
+        return context.get_abstract_state(1).get_value().text
+
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
             return
         measurement = measurement_of(
             context.get_time(), self._state.Eval(context), self._force.Eval(context), self.origin
         )
-        memory = self.memory(context)
-        if memory is None:
-            memory = self.controller.start(measurement)
-        command: Command
-        command, memory = self.controller.step(memory, measurement)
+        status = state.get_mutable_discrete_state(STATE)
+        try:
+            memory = self.memory(context)
+            if memory is None:
+                memory = self.controller.start(measurement)
+            command: Command
+            command, memory = self.controller.step(memory, measurement)
+        except CONTROLLER_ERRORS as error:
+            state.get_mutable_abstract_state(1).set_value(Message(message_of(error)))
+            status.SetFromVector([context.get_time(), float(Fault.CONTROLLER_ERROR)])
+            return
+        gave_up = command.faults > context.get_discrete_state(FAULTS).value()[0]
+        if gave_up:
+            text = f"{command.faults} steps were answered with a fallback"
+            state.get_mutable_abstract_state(1).set_value(Message(text))
+        status.SetFromVector([context.get_time(), float(Fault.CONTROLLER_ERROR if gave_up else 0)])
         phase = self.phases.index(command.phase) if command.phase in self.phases else UNKNOWN_PHASE
         state.get_mutable_abstract_state(0).set_value(_Held(memory))
         state.get_mutable_discrete_state(TORQUE).SetFromVector(command.torque)

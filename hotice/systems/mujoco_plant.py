@@ -14,6 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from hotice.errors import InvalidStation, SimulationError
 from hotice.model import builder
+from hotice.safety.limits import DAMPING_KD
 from hotice.systems.joint_pd import JointServo, pd_torque
 from hotice.systems.pushes import NOW_S, PUSH
 from hotice.systems.signals import CONTACT_FORCE, TOUCHING_BODIES
@@ -31,6 +32,7 @@ class MujocoPlant(LeafSystem):
     Input `actuation` (nu,): what the model's actuators take: torques [N m] of motors, targets [rad] of position servos
     or, with `servo`, of `pd_torque`, which then commands the motors anew at every time step of the model.
     `push` (3,), with `pushed`: see `hotice.systems.pushes`; felt by the step that begins at its time.
+    `damped` (nu,), optional: actuators where it is above 0 only damp their joints, implicitly, whatever they are told.
     Outputs `state` (nq + nv,): qpos and qvel; `contact_force` (12,): see `signals`, under the last controls;
     `full_state` (n,): the flat vector itself.
 
@@ -64,6 +66,9 @@ class MujocoPlant(LeafSystem):
         only_state = {self.discrete_state_ticket(index)}
         self._actuation = self.DeclareVectorInputPort("actuation", self.nu)
         self._push = self.DeclareVectorInputPort("push", PUSH) if pushed else None
+        self._damped = self.DeclareVectorInputPort("damped", self.nu)
+        self._trained = [part.copy() for part in self._motors()]
+        self._damps = np.zeros(self.nu).tobytes()
         self.DeclareVectorOutputPort("state", self.nq + self.nv, self._output_state, only_state)
         self.DeclareVectorOutputPort("contact_force", CONTACT_FORCE, self._output_contact_force, only_state)
         self.DeclareStateOutputPort("full_state", index)
@@ -106,6 +111,8 @@ class MujocoPlant(LeafSystem):
         state = context.get_discrete_state_vector().value()
         if state.tobytes() != self._holds:  # another Context than the last step's, or one that was set
             mujoco.mj_setState(model, data, state, STATE)
+        if self._damped.HasValue(context) and (damped := self._damped.Eval(context)).tobytes() != self._damps:
+            self._damp(damped)
         if self._push is not None:
             push = self._push.Eval(context)  # change of the velocity, and when
             if abs(context.get_time() - push[-1]) < NOW_S:
@@ -120,6 +127,19 @@ class MujocoPlant(LeafSystem):
         self._holds = new.tobytes()
         if not math.isfinite(new.dot(new)):
             raise SimulationError(f"physics diverged at {context.get_time():.3f} s: the state is not finite")
+
+    def _motors(self) -> tuple[Array, Array, Array]:
+        return self.model.actuator_gainprm, self.model.actuator_biastype, self.model.actuator_biasprm
+
+    def _damp(self, damped: Array) -> None:
+        """Makes actuators dampers where `damped` (nu,) says so, and the others what they were."""
+        for part, trained in zip(self._motors(), self._trained, strict=True):
+            part[:] = trained
+        gain, kind, bias = self._motors()
+        joints = damped > 0
+        gain[joints], bias[joints] = 0.0, 0.0
+        kind[joints], bias[joints, 2] = mujoco.mjtBias.mjBIAS_AFFINE, -DAMPING_KD
+        self._damps = damped.tobytes()
 
     def _serve(self, target: Array, servo: JointServo) -> None:
         target = target - servo.offset if servo.offset.any() else target

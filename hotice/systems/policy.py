@@ -9,21 +9,27 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from hotice.model.carry import CarryState
+from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.policy import PolicySession, PolicyTask
-from hotice.policy.guidance import FieldReading
+from hotice.policy.action import next_action
+from hotice.policy.guidance import FieldReading, read_standing
 from hotice.policy.observation import Carrying, layout_of, observe, remember
 from hotice.policy.percept import Percept
 from hotice.policy.policy_file import check_layout
-from hotice.systems.signals import GUIDANCE, NUM_JOINTS, PERCEPT
+from hotice.safety import Answer, Fault
+from hotice.systems.failing import CONTROLLER_ERRORS, Message, message_of
+from hotice.systems.signals import ANSWER, GUIDANCE, NUM_JOINTS, PERCEPT
 from hotice.task import history
 
 Array = NDArray[np.float64]
-TARGET, MEMORY = range(2)
+TARGET, MEMORY, STATE, PLACE = range(4)
 """Groups of the state: joint target (20,) [rad]; last action (20,), the target before (20,) [rad], step clock [rad],
-time of the action [s] and, for a policy with a history, what was read in the steps before."""
+time of the action [s] and, for a policy with a history, what was read in the steps before; the status, see
+`signals`; where it was told to stand (3,) [m], NaN while it walks."""
 ACTION, HELD, PHASE, SINCE, PAST = slice(0, 20), slice(20, 40), 40, 41, slice(42, None)
 
 
@@ -34,8 +40,13 @@ class PolicySystem(LeafSystem):
     step that begins now feels the action made from the state now.
 
     Inputs `percept` (119,), `guidance` (122,); `active` (1,), optional: while it is 0 the policy rests, its clock
-    stands and the target is the carry state's. Outputs `joint_target` (20,) [rad], absolute; `action` (20,), unitless.
-    The state holds the last action, the last two targets, the step clock, when the action was made and the history.
+    stands and the target is the carry state's; `answer` (2,), optional: while it says so, and while guidance is not
+    finite, the policy reads fields whose goal is where it is, and stands. Outputs `joint_target` (20,) [rad], absolute;
+    `action` (20,), unitless; `status` (2,): see `signals`. The state holds the last action, the last two targets, the
+    step clock, when the action was made and the history.
+
+    An observation or an action that is not finite, and an exception among `CONTROLLER_ERRORS`, are faults in `status`:
+    target and memory stay as they were, and `message` says what happened last.
 
     Args:
         policy: the file; `carry`: what it carries and how.
@@ -59,10 +70,14 @@ class PolicySystem(LeafSystem):
         self._phase_step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
         past = np.zeros(self.task.history * history.FRAME)
         self._rest = (self._target, np.concatenate([np.zeros(NUM_JOINTS), self._target, [phase_rad, -1.0], past]))
-        groups = [self.DeclareDiscreteState(rest) for rest in self._rest]
+        groups = [
+            self.DeclareDiscreteState(rest) for rest in (*self._rest, np.array([np.nan, 0.0]), np.full(3, np.nan))
+        ]
+        self.DeclareAbstractState(AbstractValue.Make(Message()))
         self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
         self._guidance = self.DeclareVectorInputPort("guidance", GUIDANCE)
         self._active = self.DeclareVectorInputPort("active", 1)
+        self._answer = self.DeclareVectorInputPort("answer", ANSWER)
         if latency_s:
             reads = {self.all_state_ticket(), self.time_ticket()}
             self.DeclareVectorOutputPort("joint_target", NUM_JOINTS, self._output_target, reads)
@@ -70,7 +85,12 @@ class PolicySystem(LeafSystem):
             self.DeclareStateOutputPort("joint_target", groups[TARGET])
         remembered = {self.discrete_state_ticket(groups[MEMORY])}
         self.DeclareVectorOutputPort("action", NUM_JOINTS, self._output_action, remembered)
+        self.DeclareStateOutputPort("status", groups[STATE])
         self.DeclarePeriodicUnrestrictedUpdateEvent(self.task.control_dt_s, 0.0, self._act)
+
+    def message(self, context: Context) -> str:
+        """What this system's own Context says of the last fault; empty before the first."""
+        return context.get_abstract_state(0).get_value().text
 
     def observation(self, context: Context) -> NDArray[np.float32]:
         """What the policy would read now; rows as in `hotice.policy.observation.layout_of`."""
@@ -78,8 +98,26 @@ class PolicySystem(LeafSystem):
 
     def _observe(self, context: Context, memory: Array) -> NDArray[np.float32]:
         percept, reading = Percept(self._percept.Eval(context)), FieldReading(self._guidance.Eval(context))
+        if self._has_to_stand(context):
+            place = context.get_discrete_state(PLACE).value()
+            place = self._here(percept) if math.isnan(place[0]) else place
+            reading = read_standing(reading, percept, place, self.task)
         clock = float(memory[PHASE])
         return observe(percept, reading, self._carrying, memory[ACTION], clock, self.task.scan, memory[PAST])
+
+    def _has_to_stand(self, context: Context) -> bool:
+        guidance = self._guidance.Eval(context)
+        told = self._answer.HasValue(context) and self._answer.Eval(context)[0] == Answer.STOP_WALKING
+        return told or not math.isfinite(guidance.dot(guidance))
+
+    def _here(self, percept: Percept) -> Array:
+        return np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
+
+    def _remember_place(self, context: Context, state: State) -> None:
+        stands = self._has_to_stand(context)
+        if stands == math.isnan(context.get_discrete_state(PLACE).value()[0]):
+            place = self._here(Percept(self._percept.Eval(context))) if stands else np.full(3, np.nan)
+            state.get_mutable_discrete_state(PLACE).SetFromVector(place)
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
@@ -87,15 +125,32 @@ class PolicySystem(LeafSystem):
                 state.get_mutable_discrete_state(group).SetFromVector(rest)
             return
         memory = state.get_mutable_discrete_state(MEMORY).get_mutable_value()  # still the last step's
-        target = state.get_mutable_discrete_state(TARGET).get_mutable_value()
         observation = self._observe(context, memory)
-        raw = self.policy.run(observation[None])[0].astype(float)
+        self._remember_place(context, state)
+        raw, fault = None, Fault.NONE
+        if not math.isfinite(observation.dot(observation)):
+            fault = self._fails(state, Fault.OBSERVATION_INVALID, "the observation is not finite")
+        else:
+            try:
+                raw = self.policy.run(observation[None])[0].astype(float)
+            except CONTROLLER_ERRORS as error:
+                fault = self._fails(state, Fault.CONTROLLER_ERROR, message_of(error))
+        if raw is not None and not math.isfinite(raw.dot(raw)):
+            fault = self._fails(state, Fault.ACTION_INVALID, "the action is not finite")
+        state.get_mutable_discrete_state(STATE).SetFromVector([context.get_time(), float(fault)])
+        if raw is None or fault:
+            return
+        target = state.get_mutable_discrete_state(TARGET).get_mutable_value()
         action = next_action(raw, self.task.action_limit)
         memory[ACTION], memory[HELD], memory[PAST] = action, target, remember(memory[PAST], observation)
         memory[PHASE] = (memory[PHASE] + self._phase_step) % (2.0 * math.pi)
         memory[SINCE] = context.get_time()
         np.multiply(self._scale, action, out=target)
         target += self._target
+
+    def _fails(self, state: State, fault: Fault, message: str) -> Fault:
+        state.get_mutable_abstract_state(0).set_value(Message(message))
+        return fault
 
     def _output_target(self, context: Context, output: BasicVector) -> None:
         memory = context.get_discrete_state(MEMORY).value()
@@ -104,10 +159,3 @@ class PolicySystem(LeafSystem):
 
     def _output_action(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state(MEMORY).value()[ACTION])
-
-
-def next_action(raw: Array, limit: float) -> Array:
-    """What the environment makes of a network's output (20,): finite, within ± `limit`."""
-    if not math.isfinite(raw.dot(raw)):
-        raw = np.nan_to_num(raw, nan=0.0)
-    return np.minimum(np.maximum(raw, -limit), limit)

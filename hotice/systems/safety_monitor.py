@@ -1,4 +1,7 @@
-"""The last word before the motors: commands pass while finite and the state is sound, else a safe posture is held."""
+"""The last word before the motors: commands pass while they and the robot are sound, else the answer to the fault does.
+
+What is a fault, and what is done about it, is said in `hotice.safety`, whose loops are compiled here.
+"""
 
 # pydrake's stubs type arrays as numpy does not:
 # pyright: reportArgumentType=false
@@ -6,8 +9,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from enum import IntEnum
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,56 +17,104 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from hotice import checks
 from hotice.compiled import compiled
+from hotice.errors import InvalidConfig
 from hotice.model import g1
 from hotice.model.carry import CarryState
 from hotice.model.joint_limits import position_limits, torque_limits
-from hotice.systems.joint_pd import pd_torque
-from hotice.systems.signals import JOINT_POS, JOINT_VEL, NUM_JOINTS, ROBOT_STATE
+from hotice.policy.percept import Percept
+from hotice.safety import AgeLimits, Answer, CommandLimits, Fault, MeasurementLimits, judge
+from hotice.safety.responses import response_table, still_table
+from hotice.safety.watch import MOVING_RAD_S
+from hotice.systems.signals import (
+    GUIDANCE,
+    JOINT_POS,
+    JOINT_VEL,
+    NUM_JOINTS,
+    PERCEPT,
+    ROBOT_STATE,
+    ROOT_RATE,
+    SOURCES,
+    STATUS,
+)
 from hotice.task.rules import UPRIGHT
 
 Array = NDArray[np.float64]
-
-
-class Fault(IntEnum):
-    """Why a command did not pass; `NONE`: it did."""
-
-    NONE = 0
-    STATE = 1
-    """The measured state is not finite, or the pelvis' quaternion far from unit length."""
-    COMMAND = 2
-    """The command is not finite."""
-    TILT = 3
-    """The pelvis leans too far: the robot falls; kept until the state is set anew."""
-    JOINT_LIMIT = 4
-    """A joint is beyond its range."""
+FAULTS = len(Fault)
+LEGS_AND_WAIST = np.array([not any(arm in joint for arm in ("shoulder", "elbow")) for joint in g1.ACTION_JOINTS])
+_GYRO = ROOT_RATE.start
+_OBSERVATION_INVALID, _GUIDANCE_INVALID = int(Fault.OBSERVATION_INVALID), int(Fault.GUIDANCE_INVALID)
+_REPEAT = int(Answer.REPEAT)
+_P_WP, _P_WO, _R_WO = (Percept.PARTS[name].start for name in ("p_WP", "p_WO", "R_WO"))
+COUNTS, DECISION, SPARED, MEMORY = range(4)
+"""Groups of the state: how often each fault was there at a check, (faults,), the first number for any; answer and
+fault; which joints damp (20,); what the checks remember."""
+_SINCE, _LAST, _TICK, _SAME, _TAKEN, _DAMPED_S, _ANY = 0, FAULTS, FAULTS + 20, FAULTS + 21, FAULTS + 22, FAULTS + 23, 0
+_NUMBERS, _HELD_Q = FAULTS + 24, FAULTS + 64
+_SIZE = FAULTS + 84
 
 
 @dataclass(frozen=True, kw_only=True)
 class SafetyLimits:
-    """When commands no longer pass."""
+    """When commands no longer pass in a station. `measurement` and `command` are wider than a robot's.
+
+    Students that carry well reach 28 rad/s, 5 rad/s of the pelvis' gyro, joints 0.15 rad beyond their ranges, targets
+    0.43 rad beyond and 1.2 rad from one to the next (`docs/station.md`); a robot's limits belong into its guard.
+    """
 
     tilt_rad: float = math.acos(UPRIGHT)
     """Largest lean of the pelvis, at most π: a fall, as in the task."""
-    joint_margin_rad: float = 0.1
+    joint_margin_rad: float = 0.2
     """How far a joint may be pressed beyond its range."""
+    joint_speed_rad_s: float = 45.0
+    """Largest joint speed."""
+    gyro_rad_s: float = 12.0
+    """Largest turning rate of the pelvis, of each axis."""
+    target_margin_rad: float = 1.2
+    """How far a target may be beyond its joint's range: the motor never gets there, but presses that hard."""
+    step_rad: float = 2.5
+    """Largest change of a target from one command to the next."""
+    torque_share: float = 1.5
+    """Largest torque as a share of the motor's limit; a motor drawn weaker is asked for more."""
+    arms_hold_s: float = 1.0
+    """How long the arms of a damped robot keep squeezing the object."""
+    ages: AgeLimits = field(default_factory=AgeLimits)
+    """Ages from which something is late."""
 
     def __post_init__(self) -> None:
-        # it acts by its cosine, which an angle beyond π would turn round
-        checks.number("tilt_rad", self.tilt_rad, checks.Range(least=0, most=math.pi, unit="rad"))
-        checks.numbers(self, checks.NOT_NEGATIVE, "joint_margin_rad")
+        if not isinstance(self.ages, AgeLimits):
+            raise InvalidConfig(f"ages is {checks.shown(self.ages)}: see `AgeLimits`")
+        checks.numbers(self, checks.NOT_NEGATIVE, "arms_hold_s")
+        self.measurement, self.command  # noqa: B018 - they check the rest
+
+    @property
+    def measurement(self) -> MeasurementLimits:
+        """Limits of one measurement."""
+        return MeasurementLimits(
+            tilt_rad=self.tilt_rad,
+            joint_margin_rad=self.joint_margin_rad,
+            joint_speed_rad_s=self.joint_speed_rad_s,
+            gyro_rad_s=self.gyro_rad_s,
+        )
+
+    @property
+    def command(self) -> CommandLimits:
+        """Limits of one command."""
+        return CommandLimits(
+            target_margin_rad=self.target_margin_rad, step_rad=self.step_rad, torque_share=self.torque_share
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SafePosture:
-    """Joint targets [rad] and static torques [N m] that hold; middle and half of the joint ranges [rad]; gains, limits.
+    """Joint targets [rad] and static torques [N m] that hold before any command; ranges [rad]; gains, limits.
 
     All (20,), order `g1.ACTION_JOINTS`.
     """
 
     target: Array
     torque: Array
-    middle: Array
-    half_range: Array
+    lower: Array
+    upper: Array
     kp: Array
     kd: Array
     limit: Array
@@ -72,67 +122,127 @@ class SafePosture:
     @classmethod
     def of(cls, carry: CarryState) -> SafePosture:
         """The posture of a carry state: object held, knees bent."""
-        low, high = position_limits(g1.ACTION_JOINTS)
+        lower, upper = position_limits(g1.ACTION_JOINTS)
         kp, kd = g1.gains()
         return cls(
             target=carry.joint_target,
             torque=carry.torque,
-            middle=0.5 * (low + high),
-            half_range=0.5 * (high - low),
+            lower=lower,
+            upper=upper,
             kp=kp,
             kd=kd,
             limit=torque_limits(g1.ACTION_JOINTS),
         )
 
 
-def find_fault(state: Array, command: Array, posture: SafePosture, limits: SafetyLimits) -> Fault:
-    """The first fault of a robot state (84,) and a command (20,)."""
-    lean, margin = math.cos(limits.tilt_rad), limits.joint_margin_rad
-    return Fault(_fault_code(state, command, posture.middle, posture.half_range, lean, margin))
+_find_state, _find_pose = compiled(judge.find_state), compiled(judge.find_pose)
+_find_command, _find_ages = compiled(judge.find_command), compiled(judge.find_ages)
+_remember, _decide, _stands_still = compiled(judge.remember), compiled(judge.decide), compiled(judge.stands_still)
 
 
 @compiled
-def _fault_code(state, command, middle, half_range, cos_tilt, margin):
-    for value in state:
+def _finite(vector):
+    for value in vector:
         if not math.isfinite(value):
-            return 1
-    for value in command:
-        if not math.isfinite(value):
-            return 2
-    length2 = state[3] * state[3] + state[4] * state[4] + state[5] * state[5] + state[6] * state[6]
-    if abs(length2 - 1.0) > 0.2:
-        return 1
-    if 1.0 - 2.0 * (state[4] * state[4] + state[5] * state[5]) < cos_tilt:
-        return 3
-    for j in range(len(middle)):
-        if abs(state[JOINT_POS[j]] - middle[j]) - half_range[j] > margin:
-            return 4
-    return 0
+            return False
+    return True
 
 
-def safe_torque(state: Array, posture: SafePosture, fault: Fault) -> Array:
-    """Torques (20,) that hold the posture, only damp in a fall, and are static where a joint's state is unknown."""
-    q, qd = state[JOINT_POS], state[JOINT_VEL]
-    known = np.isfinite(q) & np.isfinite(qd)
-    target = q if fault is Fault.TILT else posture.target
-    with np.errstate(invalid="ignore"):
-        torque = pd_torque(target, q, qd, posture.kp, posture.kd, posture.limit)
-    return np.where(known, torque, 0.0 if fault is Fault.TILT else posture.torque)
+@compiled
+def _passes(command, lower, upper):
+    for i in range(len(command)):
+        # NaN fails every comparison
+        if not (lower[i] <= command[i] <= upper[i]):
+            return False
+    return True
 
 
-def safe_target(state: Array, posture: SafePosture, fault: Fault) -> Array:
-    """Joint targets (20,) of the posture; of a falling robot, where its joints are: its servos then mostly damp."""
+@compiled
+def _check(now, state, percept, guidance, sources, command, tick, status, memory, counts, table, still_holds, limits):
+    """Answer and fault of one check, after the checks before, which `memory` and `counts` hold."""
+    lower, upper, c_lower, c_upper, measurement, command_limits, ages, targets = limits
+    begun = np.full(FAULTS, np.inf)
+    q, qd, gyro = state[JOINT_POS], state[JOINT_VEL], state[_GYRO : _GYRO + 3]
+    quat = state[3:7]
+    _find_state(begun, now, quat, gyro, q, qd, lower, upper, measurement)
+    if len(percept):
+        p_WP, p_WO = percept[_P_WP : _P_WP + 3], percept[_P_WO : _P_WO + 3]
+        _find_pose(begun, now, p_WP, p_WO, percept[_R_WO : _R_WO + 9], measurement)
+        if not _finite(percept):
+            begun[_OBSERVATION_INVALID] = now
+    if not _finite(guidance):
+        begun[_GUIDANCE_INVALID] = now
+    last = memory[_LAST : _LAST + 20]
+    _find_command(begun, now, command, last, c_lower, c_upper, command_limits, targets)
+    # the same numbers of a robot that moves are no measurement
+    same, fastest = True, 0.0
+    for i in range(20):
+        fastest = max(fastest, abs(qd[i]))
+        same = same and memory[_NUMBERS + i] == q[i] and memory[_NUMBERS + 20 + i] == qd[i]
+        memory[_NUMBERS + i], memory[_NUMBERS + 20 + i] = q[i], qd[i]
+    if not same or fastest < MOVING_RAD_S:
+        memory[_SAME] = np.inf
+    elif not math.isfinite(memory[_SAME]):
+        memory[_SAME] = memory[_TAKEN]
+    memory[_TAKEN] = now
+    stamps, before = np.full(4, now), np.full(4, np.nan)
+    stamps[0], before[0] = tick, memory[_TICK]
+    memory[_TICK] = tick
+    if math.isfinite(status[0]):
+        stamps[1] = status[0]
+    if len(sources):
+        stamps[2:] = sources[:2]
+        for fault in sources[2:]:
+            if fault > 0:
+                begun[int(fault)] = now
+    _find_ages(begun, now, stamps, before, memory[_SAME], ages)
+    if status[1] > 0:
+        begun[int(status[1])] = now
+    since = memory[_SINCE : _SINCE + FAULTS]
+    _remember(begun, now, since, counts)
+    answer, fault = _decide(now, since, _stands_still(quat, gyro, qd), table, still_holds)
+    if answer < _REPEAT:
+        last[:], memory[_HELD_Q : _HELD_Q + 20] = command, q
+    return answer, fault
+
+
+def held_torque(state: Array, posture: SafePosture, torque: Array, q: Array) -> Array:
+    """Torques (20,) that hold the joints at `q` (20,) beside a `torque` (20,) that did; that alone where unknown."""
+    now, qd = state[JOINT_POS], state[JOINT_VEL]
+    with np.errstate(invalid="ignore", over="ignore"):
+        held = torque + posture.kp * (q - now) - posture.kd * qd
+    return np.clip(np.where(np.isfinite(held), held, torque), -posture.limit, posture.limit)
+
+
+def damping_torque(state: Array, posture: SafePosture) -> Array:
+    """Torques (20,) that only damp, none where a joint's speed is unknown; for plants without dampers.
+
+    By the trained damping: more of it shakes light joints where torques are held for a time step.
+    """
+    qd = state[JOINT_VEL]
+    return np.clip(-posture.kd * np.where(np.isfinite(qd), qd, 0.0), -posture.limit, posture.limit)
+
+
+def damping_target(state: Array, target: Array) -> Array:
+    """Joint targets (20,) at which servos mostly damp: where the joints are, `target` (20,) where that is unknown."""
     q = state[JOINT_POS]
-    return np.where(np.isfinite(q), q, posture.target) if fault is Fault.TILT else posture.target
+    return np.where(np.isfinite(q), q, target)
 
 
 class SafetyMonitor(LeafSystem):
-    """Inputs `robot_state` (84,), `command` (20,). Outputs `command` (20,), safe, and `faults` (5,).
+    """Judges robot and command, and lets a command pass or answers.
 
-    `faults` holds how many control steps began with each `Fault` but NONE, and the present one.
+    Inputs `robot_state` (84,), `tick` (1,), `command` (20,); optional `watched_percept` (119,), `watched_guidance`
+    (122,), `sources` (4,), `status` (2,). Outputs `command` (20,), safe; `answer` (2,); `damped` (20,); `faults` (26,).
 
-    State and command are checked at the start of each control period, and a fault lasts at least as long as the period.
-    In between every command is tested for finiteness, so that none that is not finite ever passes.
+    `robot_state`: what the robot measures, of which joints, quaternion and gyro are read; `tick`: when, by its own
+    clock [s]. `sources`, `status`, `answer`: see `signals`. `damped`: 1 for joints whose motors shall only damp, for
+    plants with such motors; for others `command` says it as well as it can. `faults`: at how many checks each `Fault`
+    was there, by its number; the first counts checks with any.
+
+    All is checked at the start of each control period, and an answer lasts for the period. In between every command is
+    tested, so that none that is not finite or out of range ever passes: the last valid one is given again. Damping is
+    final: the arms keep squeezing for a while, then damp too.
 
     Args:
         posture: what is held after a fault. limits: what is one.
@@ -143,29 +253,85 @@ class SafetyMonitor(LeafSystem):
     def __init__(self, posture: SafePosture, limits: SafetyLimits, control_dt_s: float, torques: bool = True) -> None:
         super().__init__()
         self.posture, self.limits, self.torques = posture, limits, torques
-        index = self.DeclareDiscreteState(5)
+        margin = limits.target_margin_rad
+        self._lower = -limits.torque_share * posture.limit if torques else posture.lower - margin
+        self._upper = limits.torque_share * posture.limit if torques else posture.upper + margin
+        self._table, self._still_holds = response_table(), still_table()
+        self._limits = (
+            posture.lower,
+            posture.upper,
+            self._lower,
+            self._upper,
+            judge.measurement_array(limits.measurement),
+            np.array([0.0, limits.step_rad]),
+            judge.age_array(limits.ages),
+            not torques,
+        )
+        memory = np.full(_SIZE, np.nan)
+        memory[:FAULTS], memory[_SAME], memory[_DAMPED_S] = np.inf, np.inf, np.inf
+        groups = [self.DeclareDiscreteState(v) for v in (np.zeros(FAULTS), np.zeros(2), np.zeros(NUM_JOINTS), memory)]
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
+        self._tick = self.DeclareVectorInputPort("tick", 1)
         self._command = self.DeclareVectorInputPort("command", NUM_JOINTS)
-        reads = {self.discrete_state_ticket(index), self._state.ticket(), self._command.ticket()}
+        self._percept = self.DeclareVectorInputPort("watched_percept", PERCEPT)
+        self._guidance = self.DeclareVectorInputPort("watched_guidance", GUIDANCE)
+        self._sources = self.DeclareVectorInputPort("sources", SOURCES)
+        self._status = self.DeclareVectorInputPort("status", STATUS)
+        reads = {self.discrete_state_ticket(g) for g in groups} | {self._state.ticket(), self._command.ticket()}
         self.DeclareVectorOutputPort("command", NUM_JOINTS, self._output_command, reads)
-        self.DeclareStateOutputPort("faults", index)
+        for name, group in (("faults", COUNTS), ("answer", DECISION), ("damped", SPARED)):
+            self.DeclareStateOutputPort(name, groups[group])
         self.DeclarePeriodicUnrestrictedUpdateEvent(control_dt_s, 0.0, self._check)
 
     def _check(self, context: Context, state: State) -> None:
-        before = fault = int(context.get_discrete_state_vector().value()[4])
-        if before != Fault.TILT:
-            fault = find_fault(self._state.Eval(context), self._command.Eval(context), self.posture, self.limits)
-        if fault or before:
-            counts = state.get_mutable_discrete_state(0).get_mutable_value()
-            counts[4] = fault
-            if fault:
-                counts[fault - 1] += 1
+        before = int(context.get_discrete_state(DECISION).value()[0])
+        now = context.get_time()
+        memory = state.get_mutable_discrete_state(MEMORY).get_mutable_value()
+        counts = state.get_mutable_discrete_state(COUNTS).get_mutable_value()
+        status = self._status.Eval(context) if self._status.HasValue(context) else _UNKNOWN
+        answer, fault = _check(
+            now,
+            self._state.Eval(context),
+            self._percept.Eval(context) if self._percept.HasValue(context) else _NOTHING,
+            self._guidance.Eval(context) if self._guidance.HasValue(context) else _NOTHING,
+            self._sources.Eval(context) if self._sources.HasValue(context) else _NOTHING,
+            self._command.Eval(context),
+            self._tick.Eval(context)[0],
+            status,
+            memory,
+            counts,
+            self._table,
+            self._still_holds,
+            self._limits,
+        )
+        counts[_ANY] += fault > 0
+        if before == Answer.DAMP:
+            self._spare(now, memory, state)
+        elif fault or before or context.get_discrete_state(DECISION).value()[1]:
+            state.get_mutable_discrete_state(DECISION).SetFromVector([float(answer), float(fault)])
+            if answer == Answer.DAMP:
+                memory[_DAMPED_S] = now
+                self._spare(now, memory, state)
+
+    def _spare(self, now: float, memory: Array, state: State) -> None:
+        arms = now - memory[_DAMPED_S] >= self.limits.arms_hold_s - 1e-9
+        state.get_mutable_discrete_state(SPARED).SetFromVector(np.maximum(LEGS_AND_WAIST, arms).astype(float))
 
     def _output_command(self, context: Context, output: BasicVector) -> None:
         command = self._command.Eval(context)
-        held = context.get_discrete_state_vector().value()[4]
-        if not held and math.isfinite(command.dot(command)):
+        answer = context.get_discrete_state(DECISION).value()[0]
+        if answer < Answer.REPEAT and _passes(command, self._lower, self._upper):
             output.SetFromVector(command)
-        else:
-            safe = safe_torque if self.torques else safe_target
-            output.SetFromVector(safe(self._state.Eval(context), self.posture, Fault(int(held)) or Fault.COMMAND))
+            return
+        memory, posture, measured = context.get_discrete_state(MEMORY).value(), self.posture, self._state.Eval(context)
+        last, q = memory[_LAST : _LAST + NUM_JOINTS], memory[_HELD_Q : _HELD_Q + NUM_JOINTS]
+        if math.isnan(last[0]):  # nothing was valid yet
+            last, q = posture.torque if self.torques else posture.target, posture.target
+        held = held_torque(measured, posture, last, q) if self.torques and answer >= Answer.HOLD else last
+        if answer == Answer.DAMP:
+            damping = damping_torque(measured, posture) if self.torques else damping_target(measured, last)
+            held = np.where(context.get_discrete_state(SPARED).value() > 0, damping, held)
+        output.SetFromVector(held)
+
+
+_UNKNOWN, _NOTHING = np.array([np.nan, 0.0]), np.empty(0)

@@ -80,8 +80,8 @@ def measure(
         root = estimate[: _DOWN.start]
     p_WP = root[_PLACE].copy()
     yaw = np.arctan2(root[3:4], root[4:5])
-    R_WP = _attitude(true.yaw[0], true.gravity_P)
-    R_EW = _attitude(yaw[0], down_P) @ R_WP.T  # into the estimated world frame
+    R_WP = attitude(true.yaw[0], true.gravity_P)
+    R_EW = attitude(yaw[0], down_P) @ R_WP.T  # into the estimated world frame
     q = true.q + joint_offset + config.joint_pos_rad * u_q
     p_WK = true.p_WK if keypoints is None else keypoints(q)
     p_PO = true.p_WO - true.p_WP + config.object_pos_m * u_pos
@@ -133,7 +133,7 @@ def _blend(old: Array, new: Array, gain: float) -> Array:
     return old + gain * (new - old)
 
 
-def _attitude(yaw: float, down_P: Array) -> Array:
+def attitude(yaw: float, down_P: Array) -> Array:
     """R_WP (3, 3) from the heading [rad] and the direction of gravity in P, a unit vector."""
     along, across, up = -down_P
     level = np.hypot(across, up)

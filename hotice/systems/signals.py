@@ -9,6 +9,10 @@
 
 `joint_target` and `torque` (20,): order `g1.ACTION_JOINTS`, [rad] and [N m].
 `percept` (119,) and `guidance` (122,): the vectors of `Percept` and `FieldReading` in `hotice.policy`.
+`status` (2,) of a controller: when it made its newest command [s] (NaN: not yet), and the `Fault` that it met then.
+`answer` (2,) of the safety monitor: the `Answer` and the `Fault` that asks for it.
+`sources` (4,) of what is seen: when the pelvis' and the object's newest accepted poses were made [s], and the `Fault`
+that each had last, 0 for none.
 `contact_force` (12,): of the world and the object on left foot, right foot, left hand, right hand, in W [N].
 """
 
@@ -24,6 +28,8 @@ NQ, NV = 43, 41
 ROBOT_STATE = NQ + NV
 PERCEPT, GUIDANCE = Percept.SIZE, FieldReading.SIZE
 CONTACT_FORCE = 12
+STATUS = ANSWER = 2
+SOURCES, STAMPS = 4, 2
 OBJECT_POS, OBJECT_QUAT = slice(36, 39), slice(39, 43)
 ROOT_VEL, ROOT_RATE = slice(NQ, NQ + 3), slice(NQ + 3, NQ + 6)
 OBJECT_VEL, OBJECT_RATE = slice(NQ + 35, NQ + 38), slice(NQ + 38, NQ + 41)

@@ -33,9 +33,10 @@ def robot_state_of_mujoco(state: Array, wrist_pos: Array) -> Array:
 
 
 class MujocoStateAdaptor(Diagram):
-    """Input `full_state` (size,): of a `MujocoPlant`. Outputs `robot_state` (84,) and `joint_state` (40,): q, q̇.
+    """Input `full_state` (size,): of a `MujocoPlant`. Outputs `robot_state` (84,), `joint_state` (40,): q, q̇; `tick`.
 
-    Made of Drake's own blocks; equal to `robot_state_of_mujoco`. `first`: where qpos begins in the input.
+    `tick` (1,): the plant's own time [s]. Made of Drake's own blocks; `robot_state` is `robot_state_of_mujoco`.
+    `first`: where qpos begins in the input.
     """
 
     def __init__(self, size: int, first: int, wrist_pos: Array) -> None:
@@ -47,12 +48,19 @@ class MujocoStateAdaptor(Diagram):
         builder = DiagramBuilder()
         selector = builder.AddNamedSystem(
             "select",
-            selector_of((size, 7), {"robot_state": source, "joint_state": source[np.append(JOINT_POS, JOINT_VEL)]}),
+            selector_of(
+                (size, 7),
+                {
+                    "robot_state": source,
+                    "joint_state": source[np.append(JOINT_POS, JOINT_VEL)],
+                    "tick": np.zeros(1, dtype=int),
+                },
+            ),
         )
         welded = builder.AddNamedSystem("welded", ConstantVectorSource(constants))
         builder.Connect(welded.get_output_port(), selector.get_input_port(1))
         builder.ExportInput(selector.get_input_port(0), "full_state")
-        for name in ("robot_state", "joint_state"):
+        for name in ("robot_state", "joint_state", "tick"):
             builder.ExportOutput(selector.GetOutputPort(name), name)
         builder.BuildInto(self)
 
@@ -74,8 +82,9 @@ def selector_of(sizes: Sequence[int], outputs: dict[str, Array]) -> Selector:
 
 
 class DrakeStateAdaptor(LeafSystem):
-    """Input `state` (n,): [q; v] of a MultibodyPlant. Outputs `robot_state` (84,) and `joint_state` (40,): q, q̇.
+    """Input `state` (n,): [q; v] of a MultibodyPlant. Outputs `robot_state` (84,), `joint_state` (40,): q, q̇; `tick`.
 
+    `tick` (1,): the time [s]; in Drake no plant has its own.
     `index` (66,): where in [q; v] to find quat and p of the pelvis, the 20 joints, quat and p of the object; w and v of
     the pelvis, the joint velocities, w and v of the object. `wrist_pos` (6,): angles of the welded wrists [rad].
     """
@@ -87,12 +96,16 @@ class DrakeStateAdaptor(LeafSystem):
         self._state = self.DeclareVectorInputPort("state", size)
         self.DeclareVectorOutputPort("robot_state", ROBOT_STATE, self._output_robot_state)
         self.DeclareVectorOutputPort("joint_state", len(self._joints), self._output_joint_state)
+        self.DeclareVectorOutputPort("tick", 1, self._output_tick, {self.time_ticket()})
 
     def _output_robot_state(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._convert(self._state.Eval(context)))
 
     def _output_joint_state(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._state.Eval(context)[self._joints])
+
+    def _output_tick(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([context.get_time()])
 
 
 def drake_to_robot_state(index: Array, wrist_pos: Array) -> Callable[[Array], Array]:

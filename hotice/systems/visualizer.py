@@ -10,10 +10,13 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import Box, Cylinder, MeshcatCone, Rgba
+from pydrake.geometry import Box, Cylinder, Meshcat, MeshcatCone, MeshcatParams, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, LeafSystem
 
+from hotice import checks
+from hotice.checks import Range
+from hotice.errors import InvalidConfig
 from hotice.model import builder
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
@@ -34,6 +37,21 @@ CATEGORY_COLOURS = {
     "overhead": Rgba(0.60, 0.50, 0.66),
 }
 _ZERO_M = 1e-3
+
+
+def open_meshcat(host: str = "127.0.0.1", port: int | None = None) -> Meshcat:
+    """A pydrake Meshcat that only this machine can open; `host` "*": everybody who reaches it; port None: a free one.
+
+    Whoever opens it can move sliders and press buttons. Raises `InvalidConfig`.
+    """
+    parameters = MeshcatParams()
+    parameters.host = host
+    if port is not None:
+        parameters.port = checks.whole("port", port, Range(least=1024, most=65535))
+    try:
+        return Meshcat(parameters)
+    except RuntimeError as error:
+        raise InvalidConfig(f"host is {host!r} and port {port!r}: no server there: {error}") from None
 
 
 class Visualizer(LeafSystem):

@@ -8,9 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hotice import checks
 from hotice.checks import Range
 from hotice.fields.defaults import MARGIN_M, RESOLUTION_M, SPEED_M_S, STOP_GAIN_HZ
+from hotice.model import g1
 from hotice.task.history import LENGTHS
 
 MOST = 1_000_000
@@ -71,6 +75,13 @@ class Contract:
     def control_dt_s(self) -> float:
         """Time between actions."""
         return self.physics_dt_s * self.substeps
+
+    @property
+    def action_scale(self) -> NDArray[np.float64]:
+        """Change of each joint target per unit action, (20,) [rad]."""
+        scale = np.full(g1.ACTIONS, self.leg_scale_rad)
+        scale[g1.UPPER] = self.arm_scale_rad
+        return scale
 
 
 STEP = ("physics_dt_s", "substeps")

@@ -6,12 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hotice import checks
 from hotice.errors import CheckpointError, InvalidConfig
-from hotice.model import g1
 from hotice.task.contract import Contract
 from hotice.task.history import LENGTHS
 from hotice.task.presets import PRESETS
@@ -42,10 +38,3 @@ class PolicyTask(Contract):
             return cls(**values)
         except InvalidConfig as error:
             raise CheckpointError(f"{where} {error}") from None
-
-    @property
-    def action_scale(self) -> NDArray[np.float64]:
-        """Change of each joint target per unit action, (20,) [rad]."""
-        scale = np.full(len(g1.ACTION_JOINTS), self.leg_scale_rad)
-        scale[g1.UPPER] = self.arm_scale_rad
-        return scale

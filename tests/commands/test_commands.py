@@ -25,6 +25,7 @@ COMMANDS = (
     "play",
     "tables",
     "benchmark",
+    "robot-sim",
 )
 NAN, INF = float("nan"), float("inf")
 
@@ -74,7 +75,7 @@ def test_export_and_evaluate_as_a_program(run, tmp_path):
 
     def hotice(*argv):
         return subprocess.run(
-            [sys.executable, "-m", "hotice.learn", *map(str, argv)],
+            [sys.executable, "-m", "hotice", *map(str, argv)],
             capture_output=True,
             text=True,
             env=environment,

@@ -106,7 +106,7 @@ def test_show_writes_a_page_of_its_own(tmp_path, capsys):
     assert run("show", "beam", "family:gap:2", "--html", out) == 0
     page = out.read_text()
     assert str(out) in capsys.readouterr().out
-    assert page.count("fetch(") > 30  # objects inline as data addresses
+    assert page.count("', '") > 30  # drawing commands inline
     assert 'src="http' not in page
     refused(capsys, "show", "nothing", "--html", out)
     refused(capsys, "show", "--html", out)

@@ -33,7 +33,7 @@ def test_it_needs_no_torch():
 def test_names():
     with pytest.raises(UnknownName, match=r"known are carry, student, teacher, or the path of an \.onnx file"):
         open_policy("nobody")
-    with pytest.raises(CheckpointError, match="cannot be read"):
+    with pytest.raises(CheckpointError, match="no such file"):
         open_policy("no/where.onnx")
 
 
@@ -119,7 +119,7 @@ def test_a_layout_that_is_none(layout):
         check_layout("p", layout, LAYOUT)
 
 
-@pytest.mark.parametrize("where", ["initializer", "constant", "number"])
+@pytest.mark.parametrize("where", ["initializer", "number"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_weights_that_are_not_finite_are_refused(tmp_path, where, value):
     """As in checkpoints; the hash of the file is right."""
@@ -136,10 +136,6 @@ def test_weights_that_are_not_finite_are_refused(tmp_path, where, value):
         values = onnx.numpy_helper.to_array(tensor).copy()
         values[3, 5] = value
         tensor.CopyFrom(onnx.numpy_helper.from_array(values, name))
-    elif where == "constant":
-        name = "Constant's value"
-        tensor = onnx.numpy_helper.from_array(np.array([1.0, value]))
-        graph.node.insert(0, onnx.helper.make_node("Constant", [], ["unused"], value=tensor))
     else:
         name = "Gemm's alpha"
         next(a for n in graph.node if n.op_type == "Gemm" for a in n.attribute if a.name == "alpha").f = value

@@ -110,7 +110,7 @@ def test_broken_files_are_refused(tmp_path, content):
 
 
 def test_missing_file_is_refused(tmp_path):
-    with pytest.raises(InvalidRollout, match="cannot be read"):
+    with pytest.raises(InvalidRollout, match="no such file"):
         RolloutRecord.load(tmp_path / "none.npz")
 
 

@@ -97,11 +97,20 @@ def test_a_diverged_simulation_ends_as_unstable_and_harms_nobody(moving, field, 
     assert int(after.length[2]) == 1 and after.outcome[2] == 0
 
 
-def test_not_a_number_as_an_action_is_no_action(env):
-    saved = env.state()
-    zero = env.step(torch.zeros(8, 20))
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
+def test_an_action_that_is_not_finite_ends_the_episode_as_unstable_and_harms_nobody(moving, value):
+    env, action = moving, actions(2)[1]
+    saved, counted = env.state(), (env.unstable, env.invalid_actions)
+    expected = env.step(action)
     env.load_state(saved)
-    assert same(env.step(torch.full((8, 20), float("nan"))), zero) == []
+    bad = action.clone()
+    bad[2, 7] = value
+    step = env.step(bad)
+    assert OUTCOMES[int(step.outcome[2])] == "unstable" and step.terminated[2] and not step.truncated[2]
+    assert (env.unstable, env.invalid_actions) == (counted[0] + 1, counted[1] + 1)
+    assert (step.reward[2] == TERMINATION_PENALTY).all()
+    assert (expected.outcome == 0).all() and same(step, expected, [0, 1, 3, 4, 5, 6, 7]) == []
+    assert all(torch.isfinite(t.float()).all() for t in tensors(step).values())
 
 
 def test_actions_are_scaled_clipped_offsets_of_the_carry_targets(env):

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import CarryInfeasible, PickInfeasible
 from hotice.model import Box
-from hotice.systems import StationConfig, make_station, read_logs
+from hotice.systems import StationConfig, make_station, open_meshcat, read_logs
 from hotice.systems.record.picture import wires
 
 pytest.importorskip("pinocchio")
@@ -22,7 +21,7 @@ def advance(station, seconds):
 
 
 def test_walk():
-    meshcat = Meshcat()
+    meshcat = open_meshcat()
     station = make_station(StationConfig(log_hz=50.0), controller="walk", meshcat=meshcat)
     assert station.torques and station.physics_dt_s == 0.005
     assert meshcat.HasPath("station/footsteps/3")

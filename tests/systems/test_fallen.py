@@ -43,7 +43,8 @@ def test_it_lies_on_the_floor(push):
     qpos = plant.GetOutputPort("state").Eval(context)[: plant.nq]
     assert qpos[2] < 0.45, "it is down"
     low, where = lowest(qpos)
-    assert low > -0.02, where
+    # a damped robot leans on its ankle, deeper than a stiff one
+    assert low > -0.025, where
 
 
 @pytest.mark.slow

@@ -10,16 +10,19 @@ from pydrake.systems.analysis import Simulator
 
 from hotice.errors import CheckpointError
 from hotice.fields.bank import FieldBank
+from hotice.fields.defaults import ETA
 from hotice.model.carry import solve_carry
 from hotice.model.objects import Sphere
 from hotice.policy import Percept, PerceptModel, PolicyTask, open_policy
-from hotice.policy.guidance import read_fields
+from hotice.policy.action import next_action
+from hotice.policy.guidance import read_fields, read_standing
 from hotice.policy.observation import LAYOUT, Carrying, layout_of, observe, remember
+from hotice.safety import Answer, Fault
 from hotice.sim import TaskConfig, TransportEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.sensing import Sensors
 from hotice.systems.guidance_field import GuidanceFieldSystem
-from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PolicySystem, next_action
+from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PLACE, PolicySystem
 from hotice.systems.sensor_model import DRAWS, ESTIMATE, SensorModel, measure
 from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig, draw_delays
 
@@ -267,9 +270,98 @@ def test_latency_of_the_motors(station, carry, robot_state):
     assert (targets[1] != targets[0]).any() and (targets[3] != targets[2]).any()
 
 
-def test_actions_are_finite_and_bounded():
-    raw = np.array([np.nan, np.inf, -np.inf, 9.0, -0.5])
-    np.testing.assert_array_equal(next_action(raw, 4.0), [0.0, 4.0, -4.0, 4.0, -0.5])
+def test_actions_are_bounded():
+    np.testing.assert_array_equal(next_action(np.array([9.0, -9.0, -0.5]), 4.0), [4.0, -4.0, -0.5])
+
+
+class Failing:
+    """The shipped policy, which then gives up."""
+
+    def __init__(self, answer):
+        self.shipped, self.answer = open_policy("carry"), answer
+        self.name, self.meta, self.layout = "failing", self.shipped.meta, self.shipped.layout
+
+    def run(self, observation):
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        actions = self.shipped.run(observation)
+        if self.answer is not None:
+            actions[0, 7] = self.answer
+        return actions
+
+
+@pytest.mark.parametrize(
+    "answer, fault, message",
+    [
+        (np.nan, Fault.ACTION_INVALID, "the action is not finite"),
+        (np.inf, Fault.ACTION_INVALID, "the action is not finite"),
+        (CheckpointError("no\nmore"), Fault.CONTROLLER_ERROR, "CheckpointError: no more"),
+        (ZeroDivisionError("by 0"), Fault.CONTROLLER_ERROR, "ZeroDivisionError: by 0"),
+        (np.linalg.LinAlgError("singular"), Fault.CONTROLLER_ERROR, "LinAlgError: singular"),
+        (IndexError("out"), Fault.CONTROLLER_ERROR, "IndexError: out"),
+        (RuntimeError("gave up"), Fault.CONTROLLER_ERROR, "RuntimeError: gave up"),
+        ("percept", Fault.OBSERVATION_INVALID, "the observation is not finite"),
+    ],
+)
+def test_a_policy_that_fails_keeps_its_target_and_says_why(station, carry, robot_state, answer, fault, message):
+    percept, reading = policy_inputs(station, carry, robot_state)
+    policy = Failing(None)
+    system = PolicySystem(policy, carry)
+    simulator = stepped(system, percept=percept.vector, guidance=reading.vector)
+    context = simulator.get_mutable_context()
+    good = [system.GetOutputPort(name).Eval(context).copy() for name in ("joint_target", "action")]
+    np.testing.assert_array_equal(system.GetOutputPort("status").Eval(context), [0.0, 0.0])
+    assert system.message(context) == ""
+    if answer == "percept":
+        bad = percept.vector.copy()
+        bad[9] = np.nan
+        system.GetInputPort("percept").FixValue(context, bad)
+    else:
+        policy.answer = answer
+    simulator.AdvanceTo(0.021)
+    np.testing.assert_array_equal(system.GetOutputPort("status").Eval(context), [0.02, fault])
+    assert system.message(context) == message
+    for name, value in zip(("joint_target", "action"), good, strict=True):
+        np.testing.assert_array_equal(system.GetOutputPort(name).Eval(context), value)
+    policy.answer = None
+    system.GetInputPort("percept").FixValue(context, percept.vector)
+    simulator.AdvanceTo(0.041)
+    np.testing.assert_array_equal(system.GetOutputPort("status").Eval(context), [0.04, 0.0])
+    assert (system.GetOutputPort("joint_target").Eval(context) != good[0]).any()
+
+
+def test_a_defect_of_a_policy_is_no_fault(station, carry, robot_state):
+    percept, reading = policy_inputs(station, carry, robot_state)
+    with pytest.raises(TypeError, match="a defect"):
+        stepped(PolicySystem(Failing(TypeError("a defect")), carry), percept=percept.vector, guidance=reading.vector)
+
+
+def test_a_policy_told_to_stand_reads_a_goal_where_it_is(station, carry, robot_state):
+    percept, reading = policy_inputs(station, carry, robot_state)
+    reading.force_W[3], reading.distance[4] = np.nan, np.nan
+    system = PolicySystem(open_policy("carry"), carry)
+    simulator = stepped(
+        system, percept=percept.vector, guidance=reading.vector, answer=[float(Answer.STOP_WALKING), 1.0]
+    )
+    context = simulator.get_mutable_context()
+    place = context.get_discrete_state(PLACE).value().copy()
+    np.testing.assert_array_equal(place, [*percept.p_WP[:2], 0.75])
+    moved = Percept(percept.vector.copy())
+    for name in ("p_WP", "p_WK", "p_WO", "p_WOK"):
+        getattr(moved, name)[..., 0] += 0.2
+    system.GetInputPort("percept").FixValue(context, moved.vector)
+    simulator.AdvanceTo(0.021)
+    np.testing.assert_array_equal(context.get_discrete_state(PLACE).value(), place)
+    still = read_standing(reading, moved, place, system.task)
+    assert np.isfinite(still.vector).all() and still.distance[4] == 2.0
+    np.testing.assert_array_equal(np.delete(still.distance, 4), np.delete(reading.distance, 4))
+    np.testing.assert_allclose(np.linalg.norm(still.force_W, axis=1), ETA, rtol=1e-6)
+    np.testing.assert_allclose(still.force_W[0], ETA * (place - moved.p_WK[0]) / np.linalg.norm(place - moved.p_WK[0]))
+    assert still.goal_distance[0] == pytest.approx(0.2) and still.c_W[0] < -0.3 and abs(still.c_W[1]) < 0.1
+    assert np.isfinite(system.observation(context)).all()
+    system.GetInputPort("answer").FixValue(context, [0.0, 0.0])
+    simulator.AdvanceTo(0.041)
+    assert np.isnan(context.get_discrete_state(PLACE).value()).all()
 
 
 def test_a_policy_of_another_layout_is_refused(carry):

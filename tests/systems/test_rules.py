@@ -3,17 +3,19 @@
 import mujoco
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 pytest.importorskip("pinocchio")
 
 from hotice.model.carry import Posture, solve_carry
 from hotice.model.robot_state import RobotState
+from hotice.safety import Fault
 from hotice.systems.hand_over.stage import VERDICTS, RehearsalStage
 from hotice.systems.logs import SignalLog
 from hotice.systems.record.hand_over import report_hand_over
 from hotice.systems.record.play import Referee
 from hotice.systems.record.rollout import judge
-from hotice.systems.safety_monitor import Fault, SafePosture, SafetyLimits, find_fault
+from hotice.systems.safety_monitor import SafePosture, SafetyLimits, SafetyMonitor
 from hotice.task.rules import UPRIGHT
 
 
@@ -62,10 +64,14 @@ def test_so_are_a_fall_and_a_drop(crouching):
 
 def test_the_monitor_knows_the_same_lean(crouching):
     station, state = crouching
-    posture = SafePosture.of(station.carry)
+    monitor = SafetyMonitor(SafePosture.of(station.carry), SafetyLimits(), 0.02)
     for degrees, fault in ((59.0, Fault.NONE), (61.0, Fault.TILT)):
         half = np.deg2rad(degrees) / 2
         state = state.copy()
         state[3:7] = np.cos(half), 0.0, np.sin(half), 0.0
-        assert find_fault(state, np.zeros(20), posture, SafetyLimits()) == fault
+        simulator = Simulator(monitor)
+        for name, value in (("robot_state", state), ("tick", [0.0]), ("command", np.zeros(20))):
+            monitor.GetInputPort(name).FixValue(simulator.get_mutable_context(), value)
+        simulator.AdvanceTo(0.001)
+        assert monitor.GetOutputPort("answer").Eval(simulator.get_context())[1] == fault
     assert np.cos(SafetyLimits().tilt_rad) == pytest.approx(UPRIGHT)

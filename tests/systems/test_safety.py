@@ -1,13 +1,25 @@
+"""The safety monitor alone: each fault found, counted and answered; damping final; nothing bad ever passes."""
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import InvalidConfig
+from hotice.safety import Answer, Fault
 from hotice.systems.hand_over.mode_selector import HandOver, ModeSelector, blend
-from hotice.systems.safety_monitor import Fault, SafePosture, SafetyLimits, SafetyMonitor, find_fault, safe_torque
-from hotice.systems.signals import JOINT_POS, JOINT_VEL
+from hotice.systems.safety_monitor import (
+    LEGS_AND_WAIST,
+    SafePosture,
+    SafetyLimits,
+    SafetyMonitor,
+    damping_target,
+    damping_torque,
+    held_torque,
+)
+from hotice.systems.signals import JOINT_POS, JOINT_VEL, ROOT_RATE
 
 LIMITS = SafetyLimits()
+LYING = [0.6, 0.0, 0.8, 0.0]
 
 
 @pytest.fixture(scope="module")
@@ -21,104 +33,235 @@ def changed(state, index, value):
     return out
 
 
-def bad_states(state, posture):
-    lying = changed(state, slice(3, 7), [0.6, 0.0, 0.8, 0.0])
-    return {
-        Fault.STATE: changed(state, 12, np.nan),
-        Fault.TILT: lying,
-        Fault.JOINT_LIMIT: changed(state, JOINT_POS[3], posture.middle[3] + posture.half_range[3] + 0.2),
-    }
+class Watched:
+    """A monitor with a robot that moves a little and a clock that ticks, unless told otherwise."""
+
+    def __init__(self, posture, state, torques=False, **more):
+        self.system = SafetyMonitor(posture, LIMITS, 0.02, torques)
+        self.simulator, self.state = Simulator(self.system), state
+        self.command = np.zeros(20) if torques else posture.target.copy()
+        self.fixed, self.k = more, 0
+
+    def step(self, **inputs):
+        """One check and what the outputs are after it: command, answer, fault, damped joints."""
+        now, context = 0.02 * self.k, self.simulator.get_mutable_context()
+        moving = self.state + 1e-6 * self.k
+        values = {"robot_state": moving, "tick": [now], "command": self.command, **self.fixed, **inputs}
+        for name, value in values.items():
+            self.system.GetInputPort(name).FixValue(context, value)
+        self.simulator.AdvanceTo(now + 0.001)
+        self.k += 1
+        answer, fault = (int(v) for v in self.output("answer"))
+        return self.output("command"), Answer(answer), Fault(fault), self.output("damped")
+
+    def output(self, name):
+        return self.system.GetOutputPort(name).Eval(self.simulator.get_context()).copy()
+
+    @property
+    def counts(self):
+        return {Fault(i): int(n) for i, n in enumerate(self.output("faults")) if i and n}
 
 
-def test_faults(robot_state, posture):
-    torque = np.zeros(20)
-    assert find_fault(robot_state, torque, posture, LIMITS) is Fault.NONE
-    for fault, state in bad_states(robot_state, posture).items():
-        assert find_fault(state, torque, posture, LIMITS) is fault
-    assert find_fault(robot_state, changed(torque, 3, np.inf), posture, LIMITS) is Fault.COMMAND
-    assert find_fault(changed(robot_state, 12, np.inf), torque, posture, LIMITS) is Fault.STATE
-    for quat in (np.zeros(4), 1.2 * robot_state[3:7], 0.8 * robot_state[3:7]):
-        assert find_fault(changed(robot_state, slice(3, 7), quat), torque, posture, LIMITS) is Fault.STATE
-    rounded = changed(robot_state, slice(3, 7), 1.01 * robot_state[3:7])
-    assert find_fault(rounded, torque, posture, LIMITS) is Fault.NONE
+@pytest.fixture
+def watched(posture, robot_state):
+    return Watched(posture, robot_state)
 
 
-def test_safe_torque(robot_state, posture, carry):
-    q, qd = robot_state[JOINT_POS], robot_state[JOINT_VEL]
-    held = safe_torque(robot_state, posture, Fault.COMMAND)
-    np.testing.assert_allclose(
-        held, np.clip(posture.kp * (carry.joint_target - q) - posture.kd * qd, -posture.limit, posture.limit)
+def test_good_commands_pass(posture, robot_state, rng):
+    for torques in (False, True):
+        w = Watched(posture, robot_state, torques)
+        for _ in range(5):
+            w.command = (0.0 if torques else posture.target) + 0.1 * rng.standard_normal(20)
+            command, answer, fault, damped = w.step()
+            np.testing.assert_array_equal(command, w.command)
+            assert answer is Answer.PASS and fault is Fault.NONE and not damped.any()
+        assert not w.counts and w.output("faults")[0] == 0
+
+
+BAD_STATES = {
+    "NaN joint": ((JOINT_POS[3], np.nan), Fault.STATE_NOT_FINITE),
+    "infinite speed": ((JOINT_VEL[3], np.inf), Fault.STATE_NOT_FINITE),
+    "NaN gyro": ((ROOT_RATE, np.nan), Fault.STATE_NOT_FINITE),
+    "NaN quaternion": ((slice(3, 7), np.nan), Fault.STATE_NOT_FINITE),
+    "zero quaternion": ((slice(3, 7), 0.0), Fault.QUATERNION),
+    "long quaternion": ((slice(3, 7), 3.0), Fault.QUATERNION),
+    "velocity of 1e6": ((JOINT_VEL[3], 1e6), Fault.STATE_IMPOSSIBLE),
+    "angle of 1e6": ((JOINT_POS[3], 1e6), Fault.STATE_IMPOSSIBLE),
+}
+
+
+@pytest.mark.parametrize("name", BAD_STATES)
+def test_a_bad_state_is_found_at_once_repeated_over_and_damped_within_60_ms(watched, robot_state, name):
+    change, fault = BAD_STATES[name]
+    watched.step()
+    answers = []
+    for k in range(5):
+        _, answer, cause, damped = watched.step(robot_state=changed(robot_state + 1e-6 * k, *change))
+        assert cause is fault and watched.counts[fault] == k + 1
+        answers.append(answer)
+    assert answers == [Answer.REPEAT] * 3 + [Answer.DAMP] * 2
+    np.testing.assert_array_equal(damped, LEGS_AND_WAIST)
+
+
+def test_one_bad_sample_is_passed_over(watched, robot_state):
+    watched.step()
+    command, answer, _, _ = watched.step(
+        robot_state=changed(robot_state, JOINT_POS[3], np.nan), command=np.full(20, np.nan)
     )
-    blind = safe_torque(changed(robot_state, JOINT_POS[3], np.nan), posture, Fault.STATE)
-    np.testing.assert_array_equal(np.delete(blind, 3), np.delete(held, 3))
-    assert blind[3] == carry.torque[3]
-    np.testing.assert_allclose(safe_torque(robot_state, posture, Fault.TILT), -posture.kd * qd)
+    np.testing.assert_array_equal(command, watched.command)
+    assert answer is Answer.REPEAT
+    assert watched.step()[1:3] == (Answer.PASS, Fault.NONE)
+    assert watched.counts == {Fault.STATE_NOT_FINITE: 1, Fault.COMMAND_NOT_FINITE: 1}
 
 
-def monitor(posture, torques=True):
-    return SafetyMonitor(posture, LIMITS, 0.02, torques)
+@pytest.mark.parametrize("command", [np.full(20, np.nan), np.full(20, 1e9)])
+def test_a_fall_is_damped_whatever_is_commanded(watched, robot_state, command):
+    watched.step()
+    lying = changed(robot_state, slice(3, 7), LYING)
+    _, answer, fault, damped = watched.step(robot_state=lying, command=command)
+    assert (answer, fault) == (Answer.DAMP, Fault.TILT)
+    np.testing.assert_array_equal(damped, LEGS_AND_WAIST)
+    assert watched.counts[Fault.TILT] == 1
+    assert watched.counts.keys() & {Fault.COMMAND_NOT_FINITE, Fault.COMMAND_RANGE}
 
 
-def advance(simulator, system, time_s, **inputs):
-    for name, value in inputs.items():
-        system.GetInputPort(name).FixValue(simulator.get_mutable_context(), value)
-    simulator.AdvanceTo(time_s)
-    context = simulator.get_context()
-    return (system.GetOutputPort(name).Eval(context).copy() for name in ("command", "faults"))
+def test_a_fall_is_final_and_the_arms_let_go_after_a_second(watched, robot_state):
+    lying = changed(robot_state, slice(3, 7), LYING)
+    watched.step(robot_state=lying)
+    for k in range(1, 60):
+        _, answer, fault, damped = watched.step()
+        assert (answer, fault) == (Answer.DAMP, Fault.TILT)
+        np.testing.assert_array_equal(damped, LEGS_AND_WAIST if k < 50 else np.ones(20))
+    assert watched.counts == {Fault.TILT: 1}
 
 
-def test_good_commands_pass(robot_state, posture, rng):
-    system = monitor(posture)
-    torque = rng.standard_normal(20)
-    command, faults = advance(Simulator(system), system, 0.1, robot_state=robot_state, command=torque)
-    np.testing.assert_array_equal(command, torque)
-    assert not faults.any()
+@pytest.mark.parametrize(
+    "index, value, fault",
+    [(JOINT_VEL[3], -46.0, Fault.JOINT_SPEED), (ROOT_RATE.start + 1, 12.1, Fault.GYRO)],
+)
+def test_what_is_too_fast_falls(watched, robot_state, index, value, fault):
+    _, answer, cause, _ = watched.step(robot_state=changed(robot_state, index, value))
+    assert (answer, cause) == (Answer.DAMP, fault)
 
 
-@pytest.mark.parametrize("fault", [Fault.STATE, Fault.JOINT_LIMIT])
-def test_faults_are_counted_and_pass(robot_state, posture, fault):
-    system = monitor(posture)
-    simulator, torque, bad = Simulator(system), np.ones(20), bad_states(robot_state, posture)[fault]
-    command, faults = advance(simulator, system, 0.05, robot_state=bad, command=torque)  # at 0, 0.02 and 0.04 s
-    np.testing.assert_array_equal(command, safe_torque(bad, posture, fault))
-    assert np.isfinite(command).all() and faults[fault - 1] == 3 and faults[4] == fault
-    command, faults = advance(simulator, system, 0.09, robot_state=robot_state, command=torque)
-    np.testing.assert_array_equal(command, torque)
-    assert faults[fault - 1] == 3 and faults[4] == Fault.NONE
+def test_a_joint_beyond_its_range_is_damped_after_100_ms(watched, robot_state, posture):
+    beyond = changed(robot_state, JOINT_POS[3], posture.upper[3] + 0.21)
+    answers = [watched.step(robot_state=changed(beyond, 0, 0.1 * k) + 1e-9 * k)[1] for k in range(7)]
+    assert answers == [Answer.PASS] * 5 + [Answer.DAMP] * 2
+    assert watched.counts == {Fault.JOINT_LIMIT: 7}
 
 
-def test_a_fall_is_final(robot_state, posture):
-    system = monitor(posture)
-    simulator, lying = Simulator(system), bad_states(robot_state, posture)[Fault.TILT]
-    advance(simulator, system, 0.01, robot_state=lying, command=np.ones(20))
-    command, faults = advance(simulator, system, 0.1, robot_state=robot_state, command=np.ones(20))
-    np.testing.assert_array_equal(command, safe_torque(robot_state, posture, Fault.TILT))
-    assert faults[4] == Fault.TILT and faults[Fault.TILT - 1] >= 5
+@pytest.mark.parametrize("torques", [False, True])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e9])
+def test_no_bad_command_passes(posture, robot_state, torques, value):
+    """Also between two checks; the last valid one is given again, and after 60 ms the robot is damped."""
+    w = Watched(posture, robot_state, torques)
+    w.step()
+    context, bad = w.simulator.get_mutable_context(), changed(w.command, 5, value)
+    w.system.GetInputPort("command").FixValue(context, bad)
+    w.simulator.AdvanceTo(0.01)
+    np.testing.assert_array_equal(w.output("command"), w.command)
+    assert not w.counts
+    fault = Fault.COMMAND_RANGE if value == 1e9 else Fault.COMMAND_NOT_FINITE
+    for k in range(4):
+        command, answer, cause, _ = w.step(command=bad)
+        assert cause is fault and w.counts[fault] == k + 1 and np.isfinite(command).all()
+        assert answer is (Answer.REPEAT if k < 3 else Answer.DAMP)
+        assert k == 3 or (command == w.command).all()
 
 
-def test_no_command_passes_that_is_not_finite(robot_state, posture):
-    """Also between two checks."""
-    system = monitor(posture)
-    simulator = Simulator(system)
-    advance(simulator, system, 0.001, robot_state=robot_state, command=np.ones(20))
-    command, faults = advance(simulator, system, 0.002, command=np.full(20, np.nan))
-    np.testing.assert_array_equal(command, safe_torque(robot_state, posture, Fault.COMMAND))
-    assert not faults.any()
-    _, faults = advance(simulator, system, 0.021)
-    assert faults[Fault.COMMAND - 1] == 1
+def test_a_leap_of_a_target(watched):
+    watched.step()
+    _, answer, fault, _ = watched.step(command=changed(watched.command, 3, watched.command[3] - 2.6))
+    assert fault is Fault.COMMAND_RANGE or (answer, fault) == (Answer.REPEAT, Fault.COMMAND_STEP)
 
 
-def test_joint_targets(robot_state, posture, carry):
-    system = monitor(posture, torques=False)
-    simulator = Simulator(system)
-    command, _ = advance(simulator, system, 0.001, robot_state=robot_state, command=carry.joint_pos)
-    np.testing.assert_array_equal(command, carry.joint_pos)
-    command, faults = advance(simulator, system, 0.021, robot_state=np.full(84, np.nan))
-    np.testing.assert_array_equal(command, carry.joint_target)
-    assert faults[0] == 1
-    lying = bad_states(robot_state, posture)[Fault.TILT]
-    command, _ = advance(simulator, system, 0.041, robot_state=lying)
-    np.testing.assert_array_equal(command, lying[JOINT_POS])
+@pytest.mark.parametrize("fault", [Fault.CONTROLLER_ERROR, Fault.ACTION_INVALID, Fault.OBSERVATION_INVALID])
+@pytest.mark.parametrize("speed, last", [(0.6, Answer.DAMP), (0.0, Answer.HOLD)])
+def test_a_failing_controller(posture, carry, fault, speed, last):
+    """It is repeated over, then a robot that stands still holds the posture; any other is damped."""
+    from hotice.model.robot_state import RobotState
+
+    w = Watched(posture, np.concatenate(RobotState.from_carry(carry).to_mujoco(29)))
+    w.state[JOINT_VEL[3]] = speed
+    answers = [w.step(status=[0.02 * w.k, float(fault)])[1] for _ in range(6)]
+    assert answers == [Answer.REPEAT] * 3 + [last] * 3
+    assert w.counts == {fault: 6}
+
+
+def test_a_silent_controller(watched):
+    watched.step(status=[0.0, 0.0])
+    answers = [watched.step(status=[0.0, 0.0])[1] for _ in range(4)]
+    assert answers == [Answer.PASS, Answer.REPEAT, Answer.DAMP, Answer.DAMP]
+    assert watched.counts[Fault.COMMAND_LATE] == 3
+
+
+def test_a_frozen_tick_a_late_one_and_none(posture, robot_state):
+    def run(ticks, **inputs):
+        w = Watched(posture, robot_state)
+        return [w.step(tick=[tick], **inputs)[1:3] for tick in ticks], w.counts
+
+    answers, counts = run([0.0, 0.0, 0.0, 0.0])
+    assert [a for a, _ in answers] == [Answer.PASS] * 3 + [Answer.DAMP] and counts == {Fault.STATE_FROZEN: 3}
+    answers, counts = run([-0.06, -0.04, -0.02])
+    assert answers[0] == (Answer.DAMP, Fault.STATE_LATE) and counts == {Fault.STATE_LATE: 3}
+    answers, counts = run([-0.03, -0.01, 0.01, 0.03, 0.05])
+    assert {a for a, _ in answers} == {Answer.PASS} and counts == {Fault.STATE_LATE: 5}, "late, but usable"
+    answers, counts = run([np.nan] * 5)
+    assert [a for a, _ in answers] == [Answer.PASS] * 3 + [Answer.DAMP] * 2 and counts == {Fault.STATE_MISSING: 5}
+
+
+def test_numbers_that_stand_still(watched, robot_state):
+    answers = [watched.step(robot_state=robot_state)[1] for _ in range(5)]
+    assert answers == [Answer.PASS] * 3 + [Answer.DAMP] * 2
+    assert watched.counts == {Fault.STATE_FROZEN: 4}
+
+
+def test_what_is_sensed_of_the_way(posture, robot_state):
+    from hotice.policy.guidance import FieldReading
+    from hotice.policy.percept import Percept
+
+    percept = Percept(np.zeros(Percept.SIZE))
+    percept.p_WP[:], percept.p_WO[:], percept.R_WO[:] = (0.0, 0.0, 0.74), (0.3, 0.0, 0.9), np.eye(3)
+    guidance = np.zeros(FieldReading.SIZE)
+    seen = {"watched_percept": percept.vector, "watched_guidance": guidance}
+    w = Watched(posture, robot_state, **seen)
+    assert w.step()[2] is Fault.NONE
+    assert w.step(watched_guidance=changed(guidance, 5, np.nan))[1:3] == (Answer.STOP_WALKING, Fault.GUIDANCE_INVALID)
+    assert w.step()[1:3] == (Answer.PASS, Fault.NONE)
+    under = changed(percept.vector, slice(2, 3), -0.1)
+    assert w.step(watched_percept=under)[1:3] == (Answer.PASS, Fault.POSE_INVALID)
+    low = changed(percept.vector, slice(2, 3), 0.3)
+    assert w.step(watched_percept=low)[1:3] == (Answer.DAMP, Fault.PELVIS_LOW)
+
+
+def test_holding(posture, carry):
+    """Where the joints were at the last valid command, beside what that was."""
+    from hotice.model.robot_state import RobotState
+
+    state = np.concatenate(RobotState.from_carry(carry).to_mujoco(29))
+    for torques in (False, True):
+        w = Watched(posture, state, torques)
+        w.command = w.command + 0.05
+        for _ in range(5):
+            now = changed(state, JOINT_POS[3], state[JOINT_POS[3]] - 0.02 * (w.k > 1))
+            error = [0.02 * w.k, float(Fault.CONTROLLER_ERROR if w.k else 0)]
+            command, answer, _, _ = w.step(robot_state=now, command=w.command + 0.01 * w.k, status=error)
+        assert answer is Answer.HOLD
+        expected = w.command + (changed(np.zeros(20), 3, 0.02 * posture.kp[3]) if torques else 0.0)
+        np.testing.assert_allclose(command, expected, atol=1e-12)
+
+
+def test_damping(robot_state, posture):
+    q, qd = robot_state[JOINT_POS], robot_state[JOINT_VEL]
+    np.testing.assert_allclose(damping_torque(robot_state, posture), -posture.kd * qd)
+    assert not damping_torque(changed(robot_state, JOINT_VEL[3], np.nan), posture)[3]
+    np.testing.assert_array_equal(damping_target(robot_state, posture.target), q)
+    blind = damping_target(changed(robot_state, JOINT_POS[3], np.nan), posture.target)
+    np.testing.assert_array_equal(blind, changed(q, 3, posture.target[3]))
+    one = held_torque(robot_state, posture, np.ones(20), q)
+    np.testing.assert_allclose(one, np.clip(1.0 - posture.kd * qd, -posture.limit, posture.limit))
+    assert held_torque(changed(robot_state, JOINT_POS[3], np.nan), posture, np.ones(20), q)[3] == 1.0
 
 
 def test_limits_are_checked():
@@ -128,6 +271,10 @@ def test_limits_are_checked():
         SafetyLimits(tilt_rad=57)
     with pytest.raises(InvalidConfig, match="joint_margin_rad is -0.1"):
         SafetyLimits(joint_margin_rad=-0.1)
+    with pytest.raises(InvalidConfig, match="step_rad is 0"):
+        SafetyLimits(step_rad=0)
+    with pytest.raises(InvalidConfig, match="ages is 3"):
+        SafetyLimits(ages=3)  # type: ignore[arg-type]
     assert SafetyLimits(tilt_rad=np.pi, joint_margin_rad=7.0).tilt_rad == np.pi
 
 

@@ -3,7 +3,6 @@ import sys
 
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import CalcContactFrictionFromSurfaceProperties
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -28,7 +27,7 @@ from hotice.systems.record.picture import wires
 from hotice.systems.record.rollout import judge, to_record
 from hotice.systems.safety_monitor import SafePosture, SafetyLimits, SafetyMonitor
 from hotice.systems.signals import CONTACT_FORCE, GUIDANCE, PERCEPT, ROBOT_STATE
-from hotice.systems.visualizer import Visualizer
+from hotice.systems.visualizer import Visualizer, open_meshcat
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +235,7 @@ def test_open_ports_are_named(carry):
         connect(builder, safety, "command", servo, "target")
     with pytest.raises(InvalidStation, match="has no output port"):
         connect(builder, safety, "torque", servo, "joint_target")
-    with pytest.raises(InvalidStation, match="has 5 numbers, port 'joint_target' of 'joint_pd' needs 20"):
+    with pytest.raises(InvalidStation, match="has 26 numbers, port 'joint_target' of 'joint_pd' needs 20"):
         connect(builder, safety, "faults", servo, "joint_target")
     with pytest.raises(InvalidStation, match="connected already"):
         connect(builder, servo, "torque", safety, "command")
@@ -263,7 +262,7 @@ def test_pictures(station, tmp_path):
 
 
 def test_visualizer(tmp_path):
-    meshcat = Meshcat()
+    meshcat = open_meshcat()
     station = make_station(StationConfig(scene="beam"), meshcat=meshcat)
     for path in ("robot/pelvis", "object", "obstacles/0", "field/0", "field/18", "force/left_ankle_roll_link", "goal"):
         assert meshcat.HasPath(f"station/{path}"), path
@@ -277,7 +276,7 @@ def test_visualizer(tmp_path):
 
 
 def test_footsteps_and_primitives(beam, carry):
-    meshcat = Meshcat()
+    meshcat = open_meshcat()
     steps = [(0.2, 0.1, 0.0, 0), (0.4, -0.1, 0.1, 1)]
     Visualizer(meshcat, beam, carry.carried, footsteps=steps, meshes=False)
     assert meshcat.HasPath("station/footsteps/1") and not meshcat.HasPath("station/footsteps/2")

@@ -29,12 +29,10 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from hotice import checks
 from hotice.commands.pipeline.jobs import Job, check_argv, option_names, to_argv
+from hotice.documents import read_yaml
 from hotice.errors import HoticeError, InvalidConfig, UnknownName
-from hotice.files import read_bytes
 from hotice.model.shipped import shipped_sets
 
 FORMAT = "hotice-pipeline/1"
@@ -65,10 +63,7 @@ class _Copy:
 
 def load_pipeline(path: Path) -> Pipeline:
     """Reads and checks a pipeline. Raises `InvalidConfig` or `InputError`."""
-    try:
-        document = yaml.load(read_bytes(path, MAX_BYTES).decode(), _Loader)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise InvalidConfig(f"{path}: is no plain YAML: {' '.join(str(error).split())[:300]}") from None
+    document = read_yaml(path, MAX_BYTES)
     try:
         return _pipeline(document)
     except HoticeError as error:
@@ -78,7 +73,7 @@ def load_pipeline(path: Path) -> Pipeline:
 def _pipeline(document: Any) -> Pipeline:
     top = checks.mapping("the file", document, ("format", "out", "jobs"), ("defaults",))
     if top["format"] != FORMAT:
-        raise InvalidConfig(f"format is {top['format']!r}: known is {FORMAT!r}")
+        raise InvalidConfig(f"format is {checks.shown(top['format'])}: known is {FORMAT!r}")
     out = Path(str(top["out"])).absolute()
     defaults = {
         command: _options(f"defaults of {command}", command, options)
@@ -87,7 +82,7 @@ def _pipeline(document: Any) -> Pipeline:
     copies: dict[str, list[_Copy]] = {}
     for name, entry in _named("jobs", top["jobs"]).items():
         if not NAME.fullmatch(name):
-            raise InvalidConfig(f"job {name!r}: a name of letters, digits and _ . + - is needed")
+            raise InvalidConfig(f"job {checks.shown(name)}: a name of letters, digits and _ . + - is needed")
         copies[name] = _copies(name, entry, defaults)
     needs = {name: {r for c in group for r in _references(c.options, copies)} for name, group in copies.items()}
     try:
@@ -134,7 +129,9 @@ def _items(where: str, each: Any) -> list[list[str]]:
             raise UnknownName("scene set", each, sets, "a folder that holds scene files, or a list")
         return [[file] for file in files]
     if not isinstance(each, list) or not each:
-        raise InvalidConfig(f"{where}: each is {each!r}: a list, a scene set or a folder of scenes is needed")
+        raise InvalidConfig(
+            f"{where}: each is {checks.shown(each)}: a list, a scene set or a folder of scenes is needed"
+        )
     return [[str(part) for part in item] if isinstance(item, list) else [str(item)] for item in each]
 
 
@@ -214,7 +211,7 @@ def _options(where: str, command: Any, given: Any) -> Mapping[str, Any]:
         if name not in names:
             raise InvalidConfig(f"{where}: {UnknownName(f'option of {command}', name, names)}")
         if not all(isinstance(v, (str, int, float, bool)) for v in (value if isinstance(value, list) else [value])):
-            raise InvalidConfig(f"{where}: {name} is {value!r}: a value or a list of values is needed")
+            raise InvalidConfig(f"{where}: {name} is {checks.shown(value)}: a value or a list of values is needed")
     return options
 
 
@@ -222,18 +219,3 @@ def _named(where: str, value: Any) -> Mapping[str, Any]:
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise InvalidConfig(f"{where}: names with values are needed, not {type(value).__name__}")
     return value
-
-
-class _Loader(yaml.SafeLoader):
-    """Loader of plain values: no aliases (a small file could become huge), no key twice (YAML drops one silently)."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("aliases (*name) are not allowed: write options for several jobs under 'defaults'")
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        if repeated := [k for i, k in enumerate(keys) if k in keys[:i]]:
-            raise yaml.YAMLError(f"key {repeated[0]!r} twice")
-        return super().construct_mapping(node, deep)

@@ -152,9 +152,9 @@ def to_argv(options: Mapping[str, Any]) -> list[str]:
     return argv
 
 
-def option_names(command: str) -> set[str]:
+def option_names(command: Any) -> set[str]:
     """Names of all options of a command. Raises `UnknownName` for a command that is no job."""
-    if command not in OUTPUTS:
+    if not isinstance(command, str) or command not in OUTPUTS:
         raise UnknownName("command of a job", command, OUTPUTS)
     return field_names(OPTIONS[command])
 

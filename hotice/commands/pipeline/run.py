@@ -14,14 +14,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from rich.console import Console
 from rich.live import Live
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from hotice.commands.configs import PipelineConfig
 from hotice.commands.pipeline.file import Pipeline, load_pipeline
 from hotice.commands.pipeline.jobs import USER_ERROR, Job, JobProcess
+from hotice.console import PlainConsole
 from hotice.errors import HoticeError
 from hotice.files import check_folder, make_folder, output_file, write_text
 from hotice.learn.train.signals import stop_on_signals
@@ -160,8 +160,8 @@ class Schedule:
         for job in self.pipeline.jobs:
             it = self.progress[job.name]
             seconds = it.seconds + (time.monotonic() - it.began if it.state == "running" else 0.0)
-            state = f"[{COLOURS[it.state]}]{it.state}[/]"
-            words = escape(it.words) or str(job.output.relative_to(self.pipeline.out))
+            state = Text(it.state, style=COLOURS[it.state])
+            words = it.words or str(job.output.relative_to(self.pipeline.out))
             table.add_row(job.name, job.command, state, str(it.attempts), f"{seconds:.0f}", words)
         return table
 
@@ -177,7 +177,7 @@ def run_pipeline(config: PipelineConfig) -> bool:
     check_folder(pipeline.out)
     output_file(pipeline.out / STATUS)
     schedule = Schedule(pipeline, config.retries)
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     with stop_on_signals() as stopping:
         workers = make_workers(config)
         make_folder(pipeline.out)
@@ -209,7 +209,7 @@ def make_workers(config: PipelineConfig) -> Workers:
     return RayWorkers(config.cluster)
 
 
-def _turn(schedule: Schedule, workers: Workers, console: Console) -> None:
+def _turn(schedule: Schedule, workers: Workers, console: PlainConsole) -> None:
     """Takes in what ended, starts what can start, and says so."""
     events = []
     for job, status in workers.ended():
@@ -225,4 +225,4 @@ def _turn(schedule: Schedule, workers: Workers, console: Console) -> None:
         schedule.write()
     if not sys.stderr.isatty():
         for job, it in events:
-            console.print(f"{job.name}: {it.state} {it.words}".strip(), highlight=False, markup=False, soft_wrap=True)
+            console.print(f"{job.name}: {it.state} {it.words}".strip(), soft_wrap=True)

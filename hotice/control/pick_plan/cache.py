@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import warnings
 import zipfile
 from dataclasses import fields
@@ -19,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hotice.caches import cache_folder
 from hotice.control.pick_plan.plan import Durations, PickPlan
 from hotice.control.pick_plan.task import PickTask
 from hotice.files import make_folder, write_bytes
@@ -42,9 +42,8 @@ class BrokenPlanFile(UserWarning):
 
 
 def default_folder() -> Path:
-    """`$HOTICE_CACHE/picks`, or `~/.cache/hotice/picks`."""
-    home = os.environ.get("HOTICE_CACHE")
-    return Path(home) / "picks" if home else Path.home() / ".cache" / "hotice" / "picks"
+    """Folder of plans, see `hotice.caches`. Raises `OutputError`."""
+    return cache_folder("picks")
 
 
 def plan_key(task: PickTask, durations: Durations) -> str:

@@ -79,10 +79,20 @@ class DdsRobot:
         self._inbox, self._arrivals = CommandInbox(clock), Arrivals(clock)
         self._commands = Reader(node, COMMAND_TOPIC, packed_type(LOW_CMD))
         self._states = Writer(node, STATE_TOPIC, packed_type(LOW_STATE))
+        self._node = node
+        self._disturber: Writer | None = None
 
     def publish_state(self, record: np.ndarray) -> None:
         self._inbox.machine = int(record["mode_machine"])
-        self._states.write(seal(LOW_STATE, record))
+        self.send_state(seal(LOW_STATE, record))
+
+    def send_state(self, data: bytes) -> None:
+        self._states.write(data)
+
+    def disturb(self, data: bytes) -> None:
+        if self._disturber is None:
+            self._disturber = Writer(self._node, COMMAND_TOPIC, packed_type(LOW_CMD))
+        self._disturber.write(data)
 
     def command(self) -> ReceivedCommand | None:
         for came_s, data in self._arrivals.take(self._commands):
@@ -93,5 +103,6 @@ class DdsRobot:
         return self._inbox.counts()
 
     def close(self) -> None:
-        self._states.close()
-        self._commands.close()
+        for port in (self._disturber, self._states, self._commands):
+            if port is not None:
+                port.close()

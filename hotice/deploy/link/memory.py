@@ -5,7 +5,6 @@ Both ends exchange the same bytes as over DDS, so that layout, checksum and ever
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,34 +15,9 @@ from hotice.deploy.link.faults import FaultInjector, Faults
 from hotice.deploy.link.inbox import CommandInbox, StateInbox
 from hotice.deploy.link.outgoing import outgoing
 from hotice.deploy.link.protocol import LinkCounts, LinkError, ReceivedCommand, ReceivedState
+from hotice.deploy.link.way import Way
 from hotice.deploy.messages.checks import seal
 from hotice.deploy.messages.hg import LOW_CMD, LOW_STATE
-
-
-class _Way:
-    """One way of the bus: what was sent, ordered by when it arrives."""
-
-    def __init__(self, injector: FaultInjector, clock: Clock) -> None:
-        self._injector, self._clock = injector, clock
-        self._queue: list[tuple[float, int, bytes]] = []
-        self._sent = 0
-
-    def send(self, data: bytes) -> None:
-        for arrives_s, arriving in self._injector.arrivals(data, self._clock.now()):
-            heapq.heappush(self._queue, (arrives_s, self._sent, arriving))
-            self._sent += 1
-
-    def put(self, data: bytes) -> None:
-        heapq.heappush(self._queue, (self._clock.now(), self._sent, data))
-        self._sent += 1
-
-    def take(self) -> list[tuple[float, bytes]]:
-        """Arrivals since the last call, in this order: (time of arrival [s], bytes)."""
-        arrived = []
-        while self._queue and self._queue[0][0] <= self._clock.now():
-            came_s, _, data = heapq.heappop(self._queue)
-            arrived.append((came_s, data))
-        return arrived
 
 
 class MemoryBus:
@@ -60,12 +34,12 @@ class MemoryBus:
         self.clock = clock
         self._state_faults = tuple(state_faults)
         self._seeds = np.random.SeedSequence(seed)
-        self._commands = _Way(FaultInjector(LOW_CMD, command_faults, self._next_seed()), clock)
+        self._commands = Way(FaultInjector(LOW_CMD, command_faults, self._next_seed()), clock)
         self._links: list[MemoryLink] = []
 
     def link(self) -> MemoryLink:
         """A controller's end; a second one is a second publisher to the first."""
-        way = _Way(FaultInjector(LOW_STATE, self._state_faults, self._next_seed()), self.clock)
+        way = Way(FaultInjector(LOW_STATE, self._state_faults, self._next_seed()), self.clock)
         self._links.append(MemoryLink(self, way))
         return self._links[-1]
 
@@ -98,7 +72,7 @@ class MemoryBus:
 class MemoryLink:
     """A controller's end of a `MemoryBus`, see `Link`."""
 
-    def __init__(self, bus: MemoryBus, way: _Way) -> None:
+    def __init__(self, bus: MemoryBus, way: Way) -> None:
         self._bus, self._way, self._foreign = bus, way, 0
         self._inbox = StateInbox(bus.clock)
         self._closed = False
@@ -132,9 +106,11 @@ class MemoryRobot:
         self._closed = False
 
     def publish_state(self, record: np.ndarray) -> None:
-        self._open()
         self._inbox.machine = int(record["mode_machine"])
-        data = seal(LOW_STATE, record)
+        self.send_state(seal(LOW_STATE, record))
+
+    def send_state(self, data: bytes) -> None:
+        self._open()
         for link in self._bus._links:
             link._way.send(data)
 
@@ -143,6 +119,10 @@ class MemoryRobot:
         for came_s, data in self._bus._commands.take():
             self._inbox.offer(data, came_s)
         return self._inbox.command()
+
+    def disturb(self, data: bytes) -> None:
+        self._open()
+        self._bus.put_command(data)
 
     def counts(self) -> LinkCounts:
         return self._inbox.counts()

@@ -95,7 +95,15 @@ class RobotEnd(Protocol):
     """The robot's end, for simulated robots. Not to be shared by threads."""
 
     def publish_state(self, record: np.ndarray) -> None:
-        """Sends a LowState () with its checksum set."""
+        """Sends a LowState () with its checksum set; from the first on commands for its machine are taken."""
+        ...
+
+    def send_state(self, data: bytes) -> None:
+        """Sends bytes as a LowState, whatever they are: faults."""
+        ...
+
+    def disturb(self, data: bytes) -> None:
+        """Publishes bytes as a LowCmd, as a second controller would: to whoever listens, this robot too."""
         ...
 
     def command(self) -> ReceivedCommand | None:

@@ -20,13 +20,17 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from hotice import checks
+from hotice.documents import read_json
 from hotice.errors import CheckpointError, OutputError
+from hotice.files import is_file, is_folder
 from hotice.learn.checkpoints.lineage import ANCESTORS
 from hotice.policy.policy_file import shipped_policies
 
 FORMAT = "hotice-checkpoint/1"
 TENSORS, META = "tensors.safetensors", "meta.json"
 PREFIX = "checkpoint-"
+MAX_META_BYTES = 64 * 2**20
+MAX_TENSORS_BYTES = 16 * 2**30
 
 
 def save_checkpoint(run: Path, update: int, tensors: dict[str, Tensor], meta: dict[str, Any], keep: int = 2) -> Path:
@@ -73,14 +77,14 @@ def updates_of(folder: Path) -> int:
 
 def resolve(path: Path) -> Path:
     """A checkpoint folder from a path to it or to its run. Raises `CheckpointError`."""
-    if (path / META).is_file():
+    if is_file(path / META):
         return path
-    if path.suffix == ".onnx" or (str(path) in shipped_policies() and not path.is_dir()):
+    if path.suffix == ".onnx" or (str(path) in shipped_policies() and not is_folder(path)):
         raise CheckpointError(
             f"{path}: is an exported policy, actors without critics and optimiser: the checkpoint that it was exported "
             "from, or its run, is needed"
         )
-    found = list_checkpoints(path) if path.is_dir() else []
+    found = list_checkpoints(path) if is_folder(path) else []
     if not found:
         raise CheckpointError(
             f"{path}: no checkpoint here: a folder {PREFIX}NUMBER, or a run that holds some, is needed"
@@ -90,15 +94,10 @@ def resolve(path: Path) -> Path:
 
 def read_meta(folder: Path) -> dict[str, Any]:
     """`meta.json` of a checkpoint. Raises `CheckpointError`."""
-    try:
-        meta = json.loads((folder / META).read_text())
-    except OSError as error:
-        raise CheckpointError(f"{folder / META}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise CheckpointError(f"{folder / META}: is not JSON: {error}") from None
+    meta = read_json(folder / META, MAX_META_BYTES, CheckpointError)
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         got = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
-        raise CheckpointError(f"{folder / META}: checkpoint format is {got!r}: known is {FORMAT!r}")
+        raise CheckpointError(f"{folder / META}: checkpoint format is {checks.shown(got)}: known is {FORMAT!r}")
     _check_counters(folder / META, meta)
     return meta
 
@@ -111,7 +110,9 @@ def _check_counters(path: Path, meta: dict[str, Any]) -> None:
     if not isinstance(behind, dict) or any(
         isinstance(n, bool) or not isinstance(n, int) or n < 0 for n in behind.values()
     ):
-        raise CheckpointError(f"{path}: {ANCESTORS} is {behind!r}: steps by SHA-256 are needed, integers of at least 0")
+        raise CheckpointError(
+            f"{path}: {ANCESTORS} is {checks.shown(behind)}: steps by SHA-256 are needed, integers of at least 0"
+        )
     checks.number(f"{path}: minutes", meta.get("minutes", 0.0), checks.NOT_NEGATIVE, CheckpointError)
 
 
@@ -120,12 +121,16 @@ def load_checkpoint(path: Path, device: torch.device | str = "cpu") -> tuple[dic
     folder = resolve(path)
     meta = read_meta(folder)
     file = folder / TENSORS
-    if not file.is_file():
+    if not is_file(file):
         raise CheckpointError(f"{file}: no such file: the checkpoint is not whole")
-    if sha256(file) != meta.get("sha256"):
-        raise CheckpointError(f"{file}: truncated or changed since it was written (SHA-256 differs)")
+    if file.stat().st_size > MAX_TENSORS_BYTES:
+        raise CheckpointError(f"{file}: is larger than {MAX_TENSORS_BYTES // 2**30} GiB")
     try:
+        if sha256(file) != meta.get("sha256"):
+            raise CheckpointError(f"{file}: truncated or changed since it was written (SHA-256 differs)")
         return load_file(file, device=str(device)), meta
+    except OSError as error:
+        raise CheckpointError(f"{file}: cannot be read: {error.strerror or error}") from None
     except (safetensors.SafetensorError, ValueError) as error:
         raise CheckpointError(f"{file}: is no safetensors file: {error}") from None
 

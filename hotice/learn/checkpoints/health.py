@@ -39,8 +39,9 @@ def check_physics(diverged: int, num_envs: int, update: int, run: Path) -> None:
     """Raises `SimulationError` when so many simulations diverged during update `update` that nothing can be learnt."""
     if diverged > max(FEW, MANY * num_envs):
         raise SimulationError(
-            f"simulations diverged {diverged:,} times in {num_envs:,} environments during update {update}: lower "
-            f"--physics-dt-s, --leg-scale-rad or --action-limit; the last checkpoint in {run} is kept"
+            f"simulations diverged {diverged:,} times in {num_envs:,} environments during update {update} (an action "
+            "that is not finite counts as one): lower --physics-dt-s, --leg-scale-rad or --action-limit; the last "
+            f"checkpoint in {run} is kept"
         )
 
 

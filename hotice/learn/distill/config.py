@@ -57,6 +57,10 @@ class DistillConfig(TrainConfig):
                     f"({', '.join(PPO_ALONE)} are of dual PPO)"
                 )
 
+    def begins_from(self) -> tuple[Path, ...]:
+        generalist = () if self.generalist is None else (self.generalist,)
+        return (*super().begins_from(), *self.teachers, *generalist)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FinetuneConfig(TrainConfig):

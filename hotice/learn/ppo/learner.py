@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
+from hotice.caches import settle_torch
 from hotice.errors import DivergedError
 from hotice.learn import distributed
 from hotice.learn.ppo.config import PpoConfig
@@ -37,6 +38,7 @@ class Learner:
         self.net, self.config, self.generator = net, config, generator
         self.mirror_obs, self.mirror_action = mirror_obs, mirror_action
         groups = [{"params": list(net.nets[a.name].parameters()), "lr": config.learning_rate} for a in net.agents]
+        settle_torch()
         self.optimizer = torch.optim.Adam(groups, eps=1e-5, fused=True)
         self.skipped = self.skipped_in_a_row = 0
 

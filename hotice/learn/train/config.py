@@ -112,6 +112,10 @@ class TrainConfig:
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
 
+    def begins_from(self) -> tuple[Path, ...]:
+        """Checkpoints or runs that are read before the first update."""
+        return () if self.init is None else (self.init,)
+
     def torch_device(self) -> str:
         """The device to use. Raises `InvalidConfig` for one that torch does not know or that is not there."""
         if self.device == "auto":

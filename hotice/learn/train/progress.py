@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
-from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 from torch.utils.tensorboard import SummaryWriter
 
+from hotice.console import PlainConsole
 from hotice.errors import OutputError
 from hotice.files import make_folder, output_file, write_bytes
 from hotice.learn.train.config import TrainConfig
@@ -45,7 +45,7 @@ class Progress:
         make_folder(config.out)
         self.config = config
         self.first_step = steps + 1 if config.resume else None
-        self.console = Console(stderr=True)
+        self.console = PlainConsole(stderr=True)
         self.live = sys.stderr.isatty()
         self.bar = RichProgress(
             TextColumn("[bold]{task.description}"),
@@ -108,7 +108,7 @@ class Progress:
 
     def note(self, text: str) -> None:
         """Prints a line above the bar."""
-        self.console.print(text, highlight=False, soft_wrap=True)
+        self.console.print(text, soft_wrap=True)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
@@ -136,5 +136,5 @@ def keep_rows(path: Path, update: int) -> None:
 def _update_of(line: bytes) -> float:
     try:
         return json.loads(line)["update"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return float("inf")

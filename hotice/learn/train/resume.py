@@ -13,7 +13,7 @@ from hotice.errors import CheckpointError
 from hotice.learn import distributed
 from hotice.learn.checkpoints.average import averaged
 from hotice.learn.checkpoints.checkpoint import load_checkpoint, save_checkpoint
-from hotice.learn.checkpoints.health import check_weights
+from hotice.learn.checkpoints.health import check_weights, first_not_finite
 from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of, own_steps
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.learn.train.config import config_to_dict
@@ -59,6 +59,8 @@ def load_run(run: Run, path: Path) -> None:
     With other ranks, environments, scenes, task or perturbations episodes begin again; `run.notice` holds the message.
     """
     tensors, meta = load_checkpoint(path, run.env.device)
+    if (name := first_not_finite(tensors)) is not None:
+        raise CheckpointError(f"{path}: {name} is not finite: take an older checkpoint, or begin from it with --init")
     with same_version(path):
         _restore(run, path, tensors, meta)
 

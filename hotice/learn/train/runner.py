@@ -10,7 +10,7 @@ from torch import Tensor
 
 from hotice.errors import InvalidConfig, OutputError
 from hotice.learn import distributed
-from hotice.learn.checkpoints.checkpoint import list_checkpoints, updates_of
+from hotice.learn.checkpoints.checkpoint import list_checkpoints, read_meta, resolve, updates_of
 from hotice.learn.checkpoints.health import check_network, check_physics
 from hotice.learn.ppo.gae import gae
 from hotice.learn.train.config import TrainConfig, write_config
@@ -29,6 +29,9 @@ class Runner(Run):
         goes_on = config.resume and bool(list_checkpoints(config.out))
         if config.NEEDS_INIT and config.init is None and not goes_on:
             raise InvalidConfig("no init: the checkpoint or run of a student is needed")
+        for path in config.begins_from():  # read before anything is built
+            if not (goes_on and path == config.init):
+                read_meta(resolve(path))
         super().__init__(config, env)
         self._saved_at = time.monotonic()
         if goes_on:

@@ -65,7 +65,7 @@ def generate(name: str, count: int, seed: int = 0) -> Generated:
     if name not in FAMILIES:
         raise UnknownName("scene family", name, FAMILIES)
     checks.whole(f"scene family {name!r}: count", count, Range(least=1, most=MAX_COUNT), InvalidScene)
-    checks.whole(f"scene family {name!r}: seed", seed, checks.NOT_NEGATIVE, InvalidScene)
+    checks.whole(f"scene family {name!r}: seed", seed, checks.INT64, InvalidScene)
     if name == "indoor":
         return _indoor(count, seed)
     if name in MIXTURES:

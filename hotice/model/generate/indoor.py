@@ -40,7 +40,7 @@ def indoor_scenes(count: int, seed: int = 0) -> IndoorScenes:
         InvalidScene: `count` is not in 1..10,000 or `seed` is negative.
     """
     checks.whole("count of indoor scenes", count, Range(least=1, most=MAX_COUNT), InvalidScene)
-    checks.whole("seed of indoor scenes", seed, checks.NOT_NEGATIVE, InvalidScene)
+    checks.whole("seed of indoor scenes", seed, checks.INT64, InvalidScene)
     rejected: Counter[str] = Counter()
     difficulties = np.linspace(0.0, 1.0, count)
     scenes = [_draw(float(d), seed * MAX_COUNT + i, rejected) for i, d in enumerate(difficulties)]
@@ -50,7 +50,7 @@ def indoor_scenes(count: int, seed: int = 0) -> IndoorScenes:
 def indoor_scene(difficulty: float, number: int) -> Scene:
     """One scene; `difficulty` in 0..1. Raises `InvalidScene` for values out of range."""
     checks.number("difficulty of an indoor scene", difficulty, checks.SHARE, InvalidScene)
-    checks.whole("number of an indoor scene", number, checks.NOT_NEGATIVE, InvalidScene)
+    checks.whole("number of an indoor scene", number, checks.INT64, InvalidScene)
     return _draw(difficulty, number, Counter())
 
 

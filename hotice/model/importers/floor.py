@@ -50,6 +50,17 @@ class Floor:
         """The floor of a map of which `origin_M` (3,) was subtracted before this one was fitted."""
         return replace(self, origin_M=self.origin_M + origin_M)
 
+    def among_cells(self, p_M: Points, cell_m: float) -> Floor:
+        """The floor in the middle of all layers of cells that it fills, two where it lies between them.
+
+        p_M: points (n, 3) that fill the cells evenly. cell_m: edge of a cell; 0: points as measured, nothing changes.
+        """
+        floor = self
+        for _ in range(2 if cell_m else 0):
+            z = floor.to_world(p_M)[:, 2]
+            floor = replace(floor, height_m=floor.height_m + float(z[np.abs(z) < 1.5 * cell_m].mean()))
+        return floor
+
     @property
     def position_m(self) -> NDArray[np.float64]:
         """M's origin in W, (3,): p_W = R_WM p_M + position."""

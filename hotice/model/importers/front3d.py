@@ -11,7 +11,6 @@ The data are as people made them: what cannot be used is left out and counted, b
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,8 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.documents import parse_json
 from hotice.errors import InputError, InvalidMap
-from hotice.files import read_bytes
+from hotice.files import is_folder, read_bytes
 from hotice.model.frames import quat_rotate, quat_to_mat
 from hotice.model.importers.meshes import read_triangles
 from hotice.model.importers.polygons import triangulated, unit_normals
@@ -113,11 +113,12 @@ def load_house(json_path: str | Path, models_folders: str | Path | Sequence[str 
     single = isinstance(models_folders, str | Path)
     json_path, models = Path(json_path), tuple(map(Path, [models_folders] if single else models_folders))
     for folder in models:
-        if not folder.is_dir():
+        if not is_folder(folder):
             raise InputError(f"{folder}: no such folder of models (it holds <jid>/raw_model.obj)")
     content = read_bytes(json_path, MAX_JSON_BYTES)
+    data = parse_json(str(json_path), content, InvalidMap)
     try:
-        house = _Loader(_parsed(content), models).house(json_path.stem)
+        house = _Loader(data, models).house(json_path.stem)
         digest = hashlib.sha256(content).hexdigest()
         source = MapSource.of(
             file=json_path.name,
@@ -296,15 +297,6 @@ class _Loader:
         if not np.isfinite(corners).all():
             self.mended["mesh with non-finite vertices"] += 1
         return corners[good]
-
-
-def _parsed(content: bytes) -> Any:
-    try:
-        return json.loads(content.decode())
-    except RecursionError:
-        raise InvalidMap("is nested too deeply") from None
-    except ValueError as error:
-        raise InvalidMap(f"is not JSON: {error}") from None
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:

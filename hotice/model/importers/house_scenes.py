@@ -286,10 +286,11 @@ def import_front3d(config: Front3dConfig) -> int:
 
     Returns 1 when the house holds no way that passes furniture and can be crossed, else 0.
     """
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False)
+    from hotice.console import PlainConsole
+
+    console = PlainConsole()
     with doing(f"importing {config.house}"), tempfile.TemporaryDirectory(prefix="hotice-import-") as folder:
         found = front3d_scenes(
             config.house,
@@ -310,7 +311,6 @@ def import_front3d(config: Front3dConfig) -> int:
         console.print(
             f"{100 * share:.0f} % of the furniture is missing: its models are not in {folders}; where the data set "
             "came in parts, give all of them (--models A B ...)",
-            markup=False,
             soft_wrap=True,
         )
     return 0 if found.scenes else 1

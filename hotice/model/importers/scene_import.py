@@ -22,6 +22,7 @@ from hotice.model.geometry.shapes import BoxShape, MeshShape
 from hotice.model.importers.bodies import Body, inside, rooms_and_solids
 from hotice.model.importers.floor import Floor, fit_floor
 from hotice.model.importers.formats import ply
+from hotice.model.importers.formats.octomap import read_octomap
 from hotice.model.importers.formats.pcd import read_pcd
 from hotice.model.importers.meshes import (
     MAX_BODY_FACES,
@@ -38,6 +39,7 @@ from hotice.model.scene import COLUMN_HEIGHTS_M, Obstacle, Scene
 from hotice.model.source import MapSource
 
 Points = NDArray[np.float64]
+CLOUD_SUFFIXES = (".pcd", ".bt")
 MAX_MAP_BYTES = 2 * 2**30
 MAX_BOXES = 2000
 NEAR_M, STOREYS_M = 6.0, 50.0
@@ -85,21 +87,25 @@ class Imported:
 
 
 def import_scene(path: str | Path, options: ImportOptions) -> Imported:
-    """Scene from a .pcd or .ply cloud or an .obj, .stl, .off, .glb or .ply mesh; `source`: its place in the map.
+    """Scene from a .pcd or .ply cloud, a .bt octree or an .obj, .stl, .off, .glb or .ply mesh.
+
+    Its `source` says where it lies in the map.
 
     Raises `InputError`, `InvalidMap` or `InvalidScene`, each naming the file.
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix != ".pcd" and suffix not in MESH_SUFFIXES:
-        raise InvalidMap(f"{path}: format {path.suffix!r} is unknown: known are .pcd, {', '.join(MESH_SUFFIXES)}")
+    if suffix not in (*CLOUD_SUFFIXES, *MESH_SUFFIXES):
+        known = ", ".join((*CLOUD_SUFFIXES, *MESH_SUFFIXES))
+        raise InvalidMap(f"{path}: format {path.suffix!r} is unknown: known are {known}")
     content = read_bytes(path, MAX_MAP_BYTES)
     R_MF = _turn(options, suffix)
     name = options.name or path.stem
     try:
-        if suffix == ".pcd" or suffix == ".ply" and not ply.read_header(content).faces:
-            p_F = read_pcd(content) if suffix == ".pcd" else ply.read_ply(content)
-            imported = from_points(options.scale * _resolved(p_F, options.scale) @ R_MF.T, options, name)
+        if suffix in CLOUD_SUFFIXES or suffix == ".ply" and not ply.read_header(content).faces:
+            p_F, cell = _read_points(content, suffix, options.voxel_m / options.scale)
+            p_M = options.scale * _resolved(p_F, options.scale) @ R_MF.T
+            imported = from_points(p_M, options, name, options.scale * cell)
         else:
             corners = read_triangles(content, suffix)
             imported = from_triangles(options.scale * corners @ R_MF.T, options, name)
@@ -116,10 +122,21 @@ def import_scene(path: str | Path, options: ImportOptions) -> Imported:
         raise type(error)(f"{path}: {error}") from None
 
 
-def from_points(p_M: Points, options: ImportOptions, name: str) -> Imported:
+def _read_points(content: bytes, suffix: str, spacing: float) -> tuple[Points, float]:
+    """Points of a cloud (n, 3), or of an octree's cells at most `spacing` apart, and the edge of these cells, else 0.
+
+    All in the file's unit.
+    """
+    if suffix == ".bt":
+        return read_octomap(content, spacing)
+    return (read_pcd(content) if suffix == ".pcd" else ply.read_ply(content)), 0.0
+
+
+def from_points(p_M: Points, options: ImportOptions, name: str, cell_m: float = 0.0) -> Imported:
     """A scene from points (n, 3) in the map's frame [m], z roughly up. Raises `InvalidMap` or `InvalidScene`.
 
-    With `up` auto, points that hang upside down are turned.
+    With `up` auto, points that hang upside down are turned. `cell_m`: edge of the cells that the points fill, if they
+    were counted in cells before: the floor is as thick as they are.
     """
     finite = p_M[np.isfinite(p_M).all(axis=1)]
     near = finite[_near(finite[None], options)]
@@ -136,16 +153,18 @@ def from_points(p_M: Points, options: ImportOptions, name: str) -> Imported:
     else:
         upside_down, floor = fit_upright(near - origin)
         if upside_down:
-            return _turned_over(p_M, options, name)
+            return _turned_over(p_M, options, name, cell_m)
+    floor = floor if options.floor == "given" else floor.among_cells(near - origin, cell_m)
     floor = floor.about(origin)
     start, goal, low, high = _crop(floor, options)
     p_W = floor.to_world(near)
     p_W = p_W[((p_W >= [*low[:2], -np.inf]) & (p_W < high)).all(axis=1)]
     if options.floor == "fit":
         _check_above(p_W, options)
-    boxes, group = _boxes(p_W, low, high, floor, options, (start[:2], goal))
+    boxes, group = _boxes(p_W, low, high, floor, options, (start[:2], goal), cell_m=cell_m)
+    cells = f"of cells of {100 * cell_m:.3g} cm; nothing lower above the floor is kept" if cell_m else "as measured"
     notes = {
-        "points": f"{len(p_M):,}, {len(p_M) - len(finite):,} not finite, {len(p_W):,} in the crop",
+        "points": f"{len(p_M):,}, {len(p_M) - len(finite):,} not finite, {len(p_W):,} in the crop, {cells}",
         **_notes(floor, group, boxes),
     }
     if not boxes:
@@ -202,14 +221,14 @@ def _turn(options: ImportOptions, suffix: str) -> NDArray[np.float64]:
     return turn @ np.array(_UP[up], dtype=np.float64)
 
 
-def _turned_over(p_M: Points, options: ImportOptions, name: str) -> Imported:
+def _turned_over(p_M: Points, options: ImportOptions, name: str, cell_m: float) -> Imported:
     """The scene of an upside-down map, where start and goal mean the same either way up."""
     if any(v != 0.0 for v in (*options.start[1:], options.goal[1])):
         raise InvalidMap(
             "the map is upside down (its floor lies above its ceiling or has everything below it): add --up=-z, and "
             "give start and goal as they are after that, y and yaw with the other sign"
         )
-    imported = from_points(p_M @ TURNED, replace(options, up="-z"), name)
+    imported = from_points(p_M @ TURNED, replace(options, up="-z"), name, cell_m)
     up = "-z: the map is upside down and was turned over about its x axis (--up=z keeps it as it is)"
     return replace(imported, upside_down=True, notes={"up": up, **imported.notes})
 
@@ -304,14 +323,15 @@ def _boxes(
     options: ImportOptions,
     places: Sequence[tuple[float, float]],
     bodies: Sequence[Body] | None = None,
+    cell_m: float = 0.0,
 ) -> tuple[list[Obstacle], NDArray[np.int8]]:
     """Box obstacles of points (n, 3) in the crop, and the group of each point.
 
     With `bodies` the points are samples of a surface, all of which count, and the bodies are solid inside. At `places`,
-    start and goal, the robot stands.
+    start and goal, the robot stands. `cell_m`: thickness of the floor beside its noise.
     """
     voxel_m = options.voxel_m
-    band = min(max(MIN_BAND_M, 3.0 * floor.noise_m), MAX_BAND_M)
+    band = max(cell_m, min(max(MIN_BAND_M, 3.0 * floor.noise_m), MAX_BAND_M))
     group = np.full(len(p_W), FLOOR, dtype=np.int8)
     above = np.flatnonzero(p_W[:, 2] > band)
     Scene("bounds", _bounds(low, high), (*_middle(low, high), 0.0), _middle(low, high))  # refuses huge or empty crops

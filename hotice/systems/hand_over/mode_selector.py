@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from hotice import checks
-from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, ROBOT_STATE
+from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, ROBOT_STATE, STATUS
 
 Array = NDArray[np.float64]
 MODES = ("pickup", "policy", "walk", "hold")
@@ -53,8 +53,11 @@ class ModeSelector(LeafSystem):
     from the present state ends with verdict 0; else the walking baseline does, if `rehearse_walk` ends so (None: in any
     case); else mode `hold` is left to the pick-up for good.
 
-    Outputs `torque` (20,) [N m]; `mode` (1,): index into `MODES`; `carry_active`, `walk_active` (1,): 1 while policy or
-    baseline commands, which rest until then; `verdict`, `walk_verdict` (1,): of the rehearsals, -1 before them;
+    `pickup_status`, `carry_status`, `walk_status` (2,), optional, see `signals`: `status` is that of who commands.
+
+    Outputs `torque` (20,) [N m]; `status` (2,); `mode` (1,): index into `MODES`; `carry_active`, `walk_active` (1,): 1
+    while policy or baseline commands, which rest until then; `verdict`, `walk_verdict` (1,): of the rehearsals, -1
+    before them;
     `fallbacks` (1,): hand-overs that went to the baseline. The mode never goes back. Checked every `period_s`.
     """
 
@@ -78,7 +81,9 @@ class ModeSelector(LeafSystem):
         if rehearse is not None:
             self._walk = self.DeclareVectorInputPort("walk_torque", NUM_JOINTS)
             self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
+        self._statuses = [self.DeclareVectorInputPort(f"{name}_status", STATUS) for name in ("pickup", "carry", "walk")]
         self.DeclareVectorOutputPort("torque", NUM_JOINTS, self._output)
+        self.DeclareVectorOutputPort("status", STATUS, self._output_status)
         self.DeclareStateOutputPort("mode", self._mode)
         self.DeclareStateOutputPort("verdict", self._verdict)
         self.DeclareStateOutputPort("walk_verdict", self._walk_verdict)
@@ -119,6 +124,11 @@ class ModeSelector(LeafSystem):
         verdict = self._rehearse_walk(self._state.Eval(context))
         state.get_mutable_discrete_state(self._walk_verdict).SetFromVector([float(verdict)])
         return HOLD if verdict else WALK
+
+    def _output_status(self, context: Context, output: BasicVector) -> None:
+        mode = context.get_discrete_state(self._mode).value()[0]
+        port = self._statuses[0 if mode == HOLD else int(mode)]
+        output.SetFromVector(port.Eval(context) if port.HasValue(context) else [np.nan, 0.0])
 
     def _output(self, context: Context, output: BasicVector) -> None:
         mode = context.get_discrete_state(self._mode).value()[0]

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.model import g1
+from hotice.policy.action import next_action
 from hotice.policy.guidance import read_fields
 from hotice.policy.observation import Carrying, observe, remember
 from hotice.policy.percept import Percept, PerceptModel
-from hotice.systems.hand_over.stage import RehearsalStage
+from hotice.systems.hand_over.stage import VERDICTS, RehearsalStage
 from hotice.systems.joint_pd import pd_torque
-from hotice.systems.policy import next_action
 from hotice.systems.sensor_model import DRAWS, ESTIMATE, measure
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
 from hotice.systems.setup.setup import StationSetup
@@ -96,6 +96,8 @@ class Rehearsal:
             observation = observe(percept, reading, carrying, action, phase, task.scan, past)
             past = remember(past, observation)
             raw = self._setup.policy.run(observation[None])[0].astype(float)
+            if not np.isfinite(raw).all():
+                return VERDICTS.index("diverged")
             action = next_action(raw, task.action_limit)
             phase = (phase + 2.0 * math.pi * task.gait_hz * task.control_dt_s) % (2.0 * math.pi)
             target = carry.joint_target + task.action_scale * action - servo.offset

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.documents import read_yaml
 from hotice.errors import HoticeError, InputError, InvalidConfig
-from hotice.files import read_bytes
 from hotice.model.dynamics import (
     PAPER_DYNAMICS,
     ROBOT_DYNAMICS,
@@ -26,9 +25,11 @@ from hotice.model.scene import Scene
 from hotice.systems.safety_monitor import SafetyLimits
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
 from hotice.task.config import TaskConfig
+from hotice.task.contract import SHORTEST_S
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 MAX_FILE_BYTES = 2**20
+MOST_HZ = 1000.0
 SERVOS = ("pd", "motor")
 SENSING = {"exact": SensingConfig(), "student": STUDENT_SENSING}
 DYNAMICS = {
@@ -90,13 +91,15 @@ class StationConfig:
     """Rate at which the visualizer publishes."""
 
     def __post_init__(self) -> None:
-        checks.numbers(self, checks.POSITIVE, "meshcat_hz", "pelvis_height_m", "support_height_m", "support_near_m")
-        checks.numbers(self, checks.NOT_NEGATIVE, "log_hz", "push_m_s")
+        checks.number("meshcat_hz", self.meshcat_hz, Range(above=0, most=MOST_HZ))
+        checks.number("log_hz", self.log_hz, Range(least=0, most=MOST_HZ))
+        checks.numbers(self, checks.POSITIVE, "pelvis_height_m", "support_height_m", "support_near_m")
+        checks.numbers(self, checks.NOT_NEGATIVE, "push_m_s")
         checks.number("push_interval_s", self.push_interval_s, Range(least=0.1))
         checks.number("pick_bearing_rad", self.pick_bearing_rad, Range(least=-np.pi))
         if self.physics_dt_s is not None:
             note = "contacts come apart at longer steps"
-            checks.number("physics_dt_s", self.physics_dt_s, Range(above=0, most=0.01, unit="s", note=note))
+            checks.number("physics_dt_s", self.physics_dt_s, Range(least=SHORTEST_S, most=0.01, unit="s", note=note))
         checks.one_of("servo", self.servo, SERVOS)
         checks.whole("seed", self.seed, Range(least=0, most=2**31 - 1))
         for name in ("policy",) if isinstance(self.scene, Scene) else ("scene", "policy"):
@@ -125,11 +128,11 @@ class StationConfig:
     def load(cls, path: str | Path) -> StationConfig:
         """From a YAML file; nothing in it is executed. Raises `InvalidConfig` naming the file and what is wrong."""
         try:
-            return cls.from_dict(yaml.safe_load(read_bytes(path, MAX_FILE_BYTES).decode()))
+            data = read_yaml(path, MAX_FILE_BYTES)
         except InputError as error:
             raise InvalidConfig(str(error)) from None
-        except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-            raise InvalidConfig(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
+        try:
+            return cls.from_dict(data)
         except HoticeError as error:
             raise InvalidConfig(f"{path}: {error}") from None
 

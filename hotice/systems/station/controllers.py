@@ -51,19 +51,33 @@ class Sensed:
     guidance: Source
 
 
-def add_controller(builder: DiagramBuilder, setup: StationSetup, sensed: Sensed, latency_s: float) -> Source:
-    """Adds what the station's controller needs; returns where its command comes out (see `StationSetup.torques`)."""
+def add_controller(
+    builder: DiagramBuilder, setup: StationSetup, sensed: Sensed, latency_s: float
+) -> tuple[Source, Source | None]:
+    """Adds what the station's controller needs; returns where its command and, if it has one, its status come out.
+
+    For the command see `StationSetup.torques`.
+    """
     kind = setup.controller_name
     if kind == "walk":
-        return _add_walk(builder, setup, sensed), "torque"
+        return _torque_and_status(_add_walk(builder, setup, sensed))
     if setup.pick is not None:
         pickup = _add_pickup(builder, setup.pick, sensed)
-        return pickup if kind == "pickup" else _add_hand_over(builder, setup, pickup, sensed, latency_s), "torque"
+        if kind != "pickup":
+            pickup = _add_hand_over(builder, setup, pickup, sensed, latency_s)
+        return _torque_and_status(pickup)
     if kind == "policy":
         target: System = _add_policy(builder, setup, sensed, latency_s)
+        status = target, "status"
     else:
-        target = builder.AddNamedSystem("hold", HeldPosture(setup.carry.joint_target))
-    return (_add_servo(builder, setup, target, sensed), "torque") if setup.torques else (target, "joint_target")
+        target, status = builder.AddNamedSystem("hold", HeldPosture(setup.carry.joint_target)), None
+    if setup.torques:
+        return (_add_servo(builder, setup, target, sensed), "torque"), status
+    return (target, "joint_target"), status
+
+
+def _torque_and_status(system: System) -> tuple[Source, Source]:
+    return (system, "torque"), (system, "status")
 
 
 def _add_policy(builder: DiagramBuilder, setup: StationSetup, sensed: Sensed, latency_s: float) -> System:
@@ -121,6 +135,8 @@ def _add_hand_over(
     if rehearsal is not None:
         connect(builder, walk, "torque", selector, "walk_torque")
         connect(builder, *sensed.robot_state, selector, "robot_state")
+    for name, system in (("pickup", pickup), ("carry", policy), ("walk", walk)):
+        connect(builder, system, "status", selector, f"{name}_status")
     connect(builder, selector, "carry_active", policy, "active")
     connect(builder, selector, "walk_active", walk, "active")
     return selector

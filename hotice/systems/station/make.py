@@ -8,6 +8,7 @@ period; other controllers at their own rate.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -18,8 +19,10 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from hotice.model.dynamics import joint_offset
 from hotice.systems.compose import build, connect
+from hotice.systems.faulty import SIGNALS, FaultySignal, InjectedFault, Now
 from hotice.systems.guidance_field import GuidanceFieldSystem
 from hotice.systems.logs import add_loggers
+from hotice.systems.percept_guard import PerceptGuard
 from hotice.systems.pushes import Pushes
 from hotice.systems.safety_monitor import SafePosture, SafetyMonitor
 from hotice.systems.sensor_model import SensorModel
@@ -47,7 +50,7 @@ class Station(Diagram):
             see `StationSetup`.
     """
 
-    def __init__(self, setup: StationSetup, meshcat: Any = None) -> None:
+    def __init__(self, setup: StationSetup, meshcat: Any = None, faults: Sequence[InjectedFault] = ()) -> None:
         Diagram.__init__(self)
         self.setup = setup
         self.config, self.plant_name, self.controller_name = setup.config, setup.plant_name, setup.controller_name
@@ -55,7 +58,7 @@ class Station(Diagram):
         self.policy, self.task, self.carry, self.pick = setup.policy, setup.task, setup.carry, setup.pick
         self.motors, self.torques, self.physics_dt_s = setup.motors, setup.torques, setup.physics_dt_s
         builder = DiagramBuilder()
-        _assemble(builder, setup, meshcat)
+        _assemble(builder, setup, meshcat, faults)
         build(builder, self)
         self.set_name("station")
 
@@ -87,7 +90,12 @@ class Station(Diagram):
 
 
 def make_station(
-    config: StationConfig | None = None, *, plant: str = "mujoco", controller: str = "policy", meshcat: Any = None
+    config: StationConfig | None = None,
+    *,
+    plant: str = "mujoco",
+    controller: str = "policy",
+    meshcat: Any = None,
+    faults: Sequence[InjectedFault] = (),
 ) -> Station:
     """One Diagram that carries.
 
@@ -96,38 +104,75 @@ def make_station(
         plant: mujoco, or drake (a MultibodyPlant of the same robot, object and scene).
         controller: policy; hold (stands with the object); walk, pickup (`hotice.control`); pickup_then_policy.
         meshcat: a pydrake Meshcat to draw into; None: no visualizer.
+        faults: of signals, to see what the station does about them.
 
     Raises:
         UnknownName: plant or controller.
         HoticeError: what does not go together, and files that cannot be used.
     """
-    return Station(StationSetup.decide(config or StationConfig(), plant, controller), meshcat)
+    return Station(StationSetup.decide(config or StationConfig(), plant, controller), meshcat, faults)
 
 
-def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any) -> None:
+class _Wires:
+    """Signals on their way to whoever reads them, and the faults they meet there."""
+
+    def __init__(self, builder: DiagramBuilder, faults: Sequence[InjectedFault], control_dt_s: float) -> None:
+        self._builder, self._faults, self._dt_s = builder, faults, control_dt_s
+
+    def meet(self, signal: str, source: tuple[System, str]) -> tuple[System, str]:
+        """Where the signal comes out: the source itself where nothing is wrong with it."""
+        here = [fault for fault in self._faults if fault.signal == signal]
+        if not here:
+            return source
+        system = _add(self._builder, f"faulty_{signal}", FaultySignal(SIGNALS[signal], here, self._dt_s))
+        connect(self._builder, *source, system, "signal")
+        return system, "signal"
+
+
+def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any, faults: Sequence[InjectedFault]) -> None:
     config, dt = setup.config, setup.task.control_dt_s
+    wires = _Wires(builder, faults, dt)
     late, latency_s = draw_delays(config.sensing, dt, round(dt / setup.physics_dt_s), config.seed)
     period_s = setup.physics_dt_s if setup.torques or latency_s else dt
     plant, adaptor = add_plant(builder, setup, period_s)
+    measured = wires.meet("robot_state", (adaptor, "robot_state"))
     offset = None if config.dynamics.nominal else joint_offset(setup.robot)
     model = SensorModel(config.carried, config.sensing, dt, config.seed, late, offset)
     sensors = _add(builder, "sensor_model", model)
+    connect(builder, *measured, sensors, "robot_state")
+    percept, sources = (sensors, "percept"), None
+    if faults:
+        guard = _add(builder, "percept_guard", PerceptGuard(setup.carry, dt))
+        connect(builder, *wires.meet("percept", percept), guard, "percept")
+        connect(builder, *wires.meet("stamps", (_add(builder, "now", Now()), "stamps")), guard, "stamps")
+        percept, sources = (guard, "percept"), (guard, "sources")
     fields = _add(builder, "guidance_field", GuidanceFieldSystem(setup.pf, setup.task))
-    connect(builder, adaptor, "robot_state", sensors, "robot_state")
-    connect(builder, sensors, "percept", fields, "percept")
+    connect(builder, *percept, fields, "percept")
     sensed = Sensed(
-        robot_state=(adaptor, "robot_state"),
+        robot_state=measured,
         joint_state=(adaptor, "joint_state"),
-        percept=(sensors, "percept"),
+        percept=percept,
         contact_force=(plant, "contact_force"),
-        guidance=(fields, "guidance"),
+        guidance=wires.meet("guidance", (fields, "guidance")),
     )
-    source, port = add_controller(builder, setup, sensed, latency_s)
+    command, status = add_controller(builder, setup, sensed, latency_s)
     monitor = SafetyMonitor(SafePosture.of(setup.carry), config.safety, dt, setup.torques)
     safety = _add(builder, "safety_monitor", monitor)
-    connect(builder, adaptor, "robot_state", safety, "robot_state")
-    connect(builder, source, port, safety, "command")
+    connect(builder, *measured, safety, "robot_state")
+    connect(builder, *wires.meet("tick", (adaptor, "tick")), safety, "tick")
+    connect(builder, *wires.meet("command", command), safety, "command")
+    if status is not None:
+        connect(builder, *status, safety, "status")
+    if setup.controller_name == "policy":
+        # others read the true state, and their percepts would be computed for nothing
+        connect(builder, *sensed.percept, safety, "watched_percept")
+        connect(builder, *sensed.guidance, safety, "watched_guidance")
+        if sources is not None:
+            connect(builder, *sources, safety, "sources")
+        connect(builder, safety, "answer", builder.GetSubsystemByName("policy"), "answer")
     connect(builder, safety, "command", plant, "actuation")
+    if setup.plant_name == "mujoco":
+        connect(builder, safety, "damped", plant, "damped")
     if config.log_hz:
         add_loggers(builder, 1.0 / config.log_hz)
     if meshcat is not None:

@@ -1,1 +1,1 @@
-"""Readers of point clouds and meshes: PCD, PLY, OBJ, OFF, STL and GLB, hardened against broken files."""
+"""Readers of point clouds, octrees and meshes: PCD, PLY, BT, OBJ, OFF, STL and GLB, hardened against broken files."""

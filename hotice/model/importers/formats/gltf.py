@@ -7,7 +7,6 @@ them holds would look complete.
 from __future__ import annotations
 
 import base64
-import json
 import struct
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.documents import parse_json
 from hotice.errors import InvalidMap
 from hotice.model.frames import quat_to_mat
 from hotice.model.importers.formats.records import MAX_POINTS
@@ -53,7 +53,7 @@ class _Document:
                 raise InvalidMap(f"is cut short: a part of {size:,} bytes announced, {len(content) - at - 8:,} there")
             chunks.setdefault(kind, content[at + 8 : at + 8 + size])
             at += 8 + size
-        self.json: Any = json.loads(chunks[b"JSON"])
+        self.json: Any = parse_json("its JSON part", chunks[b"JSON"], InvalidMap)
         self._refuse(self.json.get("extensionsRequired", ()))
         self._binary = chunks.get(b"BIN\0")
 

@@ -1,0 +1,91 @@
+"""`hotice robot-sim`: a simulated robot in real time, on the topics of the real one, and what became of it."""
+
+from __future__ import annotations
+
+import gc
+import math
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.table import Table
+
+from hotice.commands.robot_sim_config import RobotSimConfig
+from hotice.console import PlainConsole
+from hotice.deploy.clock import MonotonicClock
+from hotice.deploy.dds.node import DdsNode
+from hotice.deploy.simulated.keys import KEYS, Terminal
+from hotice.deploy.simulated.on_network import NetworkRobot, Ports
+from hotice.deploy.simulated.real_time import Lateness, live
+
+LOOK_STEPS = 5
+"""Steps from one look at the keyboard to the next."""
+SHOWN_MS = (0.1, 0.5, 2.0, 10.0)
+
+
+def robot_sim(config: RobotSimConfig) -> None:
+    """Lives until its time is over or Ctrl-C, then prints what became of it. Raises `HoticeError`."""
+    with DdsNode(domain=config.domain, interface=config.interface) as node:
+        network = NetworkRobot(config, node, Ports(pose=config.pose_port, tags=config.tags_port))
+        try:
+            _live(config, network)
+        finally:
+            network.close()
+
+
+def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
+    robot, console, stopped = network.robot, PlainConsole(), []
+    console.print(
+        f"simulated robot in {robot.world.scene.name}, {config.start}: domain {config.domain} on {config.interface}, "
+        f"pose to UDP {config.pose_port}, tags to {config.tags_port}; Ctrl-C ends"
+    )
+    # what exists now is never looked at again
+    gc.collect()
+    gc.freeze()
+    with Terminal() as terminal, _stopped_by_signals(stopped):
+        if terminal.there:
+            console.print("keys: " + ", ".join(f"{letter!r} {'+'.join(keys)}" for letter, keys in KEYS.items()))
+
+        def step() -> None:
+            network.step()
+            if robot.steps % LOOK_STEPS == 0:
+                for keys in terminal.typed():
+                    robot.press(*keys)
+
+        lateness = live(step, MonotonicClock(), lambda: not stopped and robot.time_s < config.duration_s)
+    gc.unfreeze()
+    console.print(_summary(network, lateness))
+
+
+@contextmanager
+def _stopped_by_signals(stopped: list[int]) -> Iterator[None]:
+    """Puts SIGINT and SIGTERM into a list instead of ending the program."""
+    before = {
+        each: signal.signal(each, lambda number, frame: stopped.append(number))
+        for each in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+
+def _summary(network: NetworkRobot, lateness: Lateness) -> Table:
+    robot = network.robot
+    world, counts = robot.world, robot.end.counts()
+    x, y = world.data.qpos[:2]
+    refused = ", ".join(f"{count} {reason}" for reason, count in sorted(counts.refused.items())) or "none"
+    shares = ", ".join(f"{100.0 * lateness.share_below(edge):.2f} % below {edge:g} ms" for edge in SHOWN_MS)
+    table = Table("", "", title="simulated robot", show_header=False)
+    for row in (
+        ("lived", f"{robot.time_s:.2f} s, {robot.steps} states"),
+        ("steps late", f"{shares}; worst {1e3 * lateness.worst_s:.2f} ms, slipped {lateness.slipped_s:.3f} s"),
+        ("commands", f"{counts.taken} taken; refused: {refused}"),
+        ("robot and object", robot.failure or "neither fallen nor dropped"),
+        ("object", "given to the robot" if robot.handing.stage == "gone" else robot.handing.stage),
+        ("touched", world.touched or "no obstacle"),
+        ("to the goal", f"{math.hypot(x - world.scene.goal[0], y - world.scene.goal[1]):.2f} m"),
+    ):
+        table.add_row(*row)
+    return table

@@ -1,0 +1,22 @@
+"""Priority of the guard's process among others of the machine, where the system allows it."""
+
+from __future__ import annotations
+
+import os
+
+PRIORITY = 20
+"""Of SCHED_FIFO, 1 to 99; above ordinary processes, below the kernel's own threads."""
+
+
+def take_precedence() -> bool:
+    """Lets this process run before all ordinary ones; False where the system does not allow it."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except PermissionError:
+        return False
+    return True
+
+
+def give_way() -> None:
+    """Undoes `take_precedence`."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -1,0 +1,36 @@
+"""Protocol of an estimator: from a LowState, and sources of its own, to a percept and the ages of what is in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from hotice.policy.percept import Percept
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """What is believed now."""
+
+    percept: Percept
+    """What the policy reads."""
+    pose_age_s: float
+    """Since localization was last believed [s]."""
+    box_age_s: float
+    """Since the object was last seen and believed [s]."""
+    disputed: bool = False
+    """Whether localization and what was believed before disagree for good: an operator has to look."""
+
+
+class Estimator(Protocol):
+    """Takes every state that the runner reads."""
+
+    def update(self, state: np.ndarray, now_s: float) -> Estimate | None:
+        """The estimate with a LowState () read at `now_s` [s]; None until pelvis and object were seen once."""
+        ...
+
+    def settle(self) -> None:
+        """Ends a dispute: an operator has looked, and the newest localization counts."""
+        ...

@@ -1,0 +1,111 @@
+"""One control period of the runner: the guard's status in, targets out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.deploy.clock import Clock
+from hotice.deploy.guard.modes import DRIVEN, Mode
+from hotice.deploy.runner.carry_policy import CarryPolicy
+from hotice.deploy.runner.estimator import Estimate, Estimator
+from hotice.deploy.slot.records import TARGETS
+from hotice.fields.hod_pf import HodPf
+from hotice.model import g1
+from hotice.model.carry import CarryState
+from hotice.model.robot_state import RobotState, joint_index
+from hotice.policy import PerceptModel, PolicySession, read_fields
+from hotice.policy.action import standing
+from hotice.task.rules import arrived
+
+Array = NDArray[np.float64]
+WARM_STEPS = 5
+"""Steps that are run for nothing, so that the first that counts compiles and loads nothing."""
+_ACTION = joint_index(len(g1.ACTION_JOINTS))
+_WRIST = [g1.ALL_JOINTS.index(joint) for joint in g1.WRIST_JOINTS]
+
+
+class RobotRunner:
+    """Call `tick` once a control period.
+
+    Args:
+        policy: the file; `pf`: fields of the scene with its goal; `carry`: how the object is held
+        estimator: of percepts
+        status: the guard's (`RunnerSlot.status`); `put`: takes targets (`RunnerSlot.put`)
+        clock: the guard's, too
+    """
+
+    def __init__(
+        self,
+        policy: PolicySession,
+        pf: HodPf,
+        carry: CarryState,
+        estimator: Estimator,
+        status: Callable[[], np.ndarray | None],
+        put: Callable[[np.ndarray], None],
+        clock: Clock,
+    ) -> None:
+        self.policy = CarryPolicy(policy, carry)
+        self._pf, self._carry, self._estimator = pf, carry, estimator
+        self._status, self._put, self._clock = status, put, clock
+        self._targets = np.zeros((), TARGETS)
+        self._targets["q"] = self.all_joints(self.policy.rest)
+
+    @property
+    def period_s(self) -> float:
+        """Time between two ticks [s]."""
+        return self.policy.task.control_dt_s
+
+    def warm(self) -> None:
+        """Runs percept, fields and policy a few times at the start of the scene; until then no guard moves anything."""
+        held = RobotState.from_carry(self._carry)
+        percept = PerceptModel(self._carry.carried)(*held.to_mujoco(len(g1.ALL_JOINTS)))
+        for _ in range(WARM_STEPS):
+            self.policy.act(percept, standing(read_fields(self._pf, percept, self.policy.task)))
+        self.policy.reset()
+        self._targets["warm"] = 1
+
+    def all_joints(self, q: Array) -> Array:
+        """Targets (29,) of targets (20,): the waist straight, the wrists as in the carry state [rad]."""
+        targets = np.zeros(len(g1.ALL_JOINTS))
+        targets[_WRIST] = self._carry.wrist_pos
+        targets[_ACTION] = q
+        return targets
+
+    def tick(self) -> None:
+        """Reads the guard's status and writes targets; none where no state came, or where they would not be finite."""
+        began_s = self._clock.now()
+        status = self._status()
+        if status is None:
+            return
+        mode = Mode(int(status["mode"]))
+        estimate = self._estimator.update(status["state"], began_s) if status["sequence"] else None
+        q = self._moving(mode, estimate) if mode in DRIVEN else self._resting()
+        if q is None:
+            return
+        targets = self._targets
+        targets["number"] += 1
+        targets["stamp_s"], targets["state_sequence"] = began_s, status["sequence"]
+        targets["q"] = self.all_joints(q)
+        targets["pose_age_s"] = np.inf if estimate is None else estimate.pose_age_s
+        targets["box_age_s"] = np.inf if estimate is None else estimate.box_age_s
+        targets["pose_disputed"] = estimate is not None and estimate.disputed
+        self._put(targets)
+
+    def _resting(self) -> Array:
+        self.policy.reset()
+        self._targets["done"] = 0
+        return self.policy.rest
+
+    def _moving(self, mode: Mode, estimate: Estimate | None) -> Array | None:
+        if estimate is None:
+            return None
+        if mode is Mode.HOLD:
+            # who stands has been seen by the operator, whose key goes on
+            self._estimator.settle()
+        reading = read_fields(self._pf, estimate.percept, self.policy.task)
+        self._targets["done"] = mode is Mode.CARRY and arrived(float(reading.goal_distance[0]))
+        # picking up and putting down are not there yet: the robot stands
+        return self.policy.act(estimate.percept, reading if mode is Mode.CARRY else standing(reading))

@@ -1,0 +1,73 @@
+"""Records of the slot: what the runner asks of the motors, and what the guard tells the runner."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hotice.deploy.messages.hg import LOW_STATE
+
+JOINTS = 29
+
+TARGETS = np.dtype(
+    [
+        ("number", "<u8"),
+        ("stamp_s", "<f8"),
+        ("state_sequence", "<u8"),
+        ("q", "<f8", (JOINTS,)),
+        ("tau", "<f8", (JOINTS,)),
+        ("warm", "u1"),
+        ("done", "u1"),
+        ("pose_disputed", "u1"),
+        ("reserved", "u1", (5,)),
+        ("box_age_s", "<f8"),
+        ("pose_age_s", "<f8"),
+    ]
+)
+"""Runner to guard. `number` counts targets from 1; `stamp_s` is the monotonic clock when they were begun [s];
+`state_sequence` says from which state; `q` [rad] and `tau` [N m] in the order of `g1.ALL_JOINTS`; `warm`: everything is
+compiled; `done`: goal reached or task of the mode finished; `pose_disputed`: localization says another place than
+tracking and stays with it; ages of what was last seen of box and pose [s]. The runner's 20 joints come with waist and
+wrists, which it holds where the carry state has them: one order of joints on the whole way to the motors."""
+
+STATUS = np.dtype(
+    [
+        ("stamp_s", "<f8"),
+        ("mode", "<u4"),
+        ("cause", "<u4"),
+        ("entered_s", "<f8"),
+        ("sequence", "<u8"),
+        ("received_s", "<f8"),
+        ("state", LOW_STATE.dtype),
+    ]
+)
+"""Guard to runner. `mode` and `cause` by number (`hotice.deploy.guard.modes`, `…faults`), the mode since `entered_s`;
+`state`: the newest LowState, its `sequence` (0 before the first) and when it came; all times on the monotonic clock."""
+
+
+class Channel(NamedTuple):
+    """One way of the slot: what it holds and where."""
+
+    dtype: np.dtype
+    offset: int
+
+
+HEADER = 64
+"""Bytes before the first channel: the layout's mark."""
+_ALIGN = 64
+_LOCK = 16
+"""Bytes before a record: its counter and its checksum."""
+
+
+def _channels() -> tuple[Channel, Channel, int]:
+    offsets = [HEADER]
+    for dtype in (TARGETS, STATUS):
+        end = offsets[-1] + _LOCK + dtype.itemsize
+        offsets.append(end + -end % _ALIGN)
+    return Channel(TARGETS, offsets[0]), Channel(STATUS, offsets[1]), offsets[2]
+
+
+TARGETS_AT, STATUS_AT, SIZE = _channels()
+MARK = f"hotice-slot/1 {TARGETS.itemsize} {STATUS.itemsize}".encode()
+"""First bytes of a slot's file: programs of another layout do not share one."""

@@ -1,0 +1,27 @@
+"""Exceptions of controllers that become faults, and where their messages are kept."""
+
+from __future__ import annotations
+
+from hotice.errors import HoticeError
+
+CONTROLLER_ERRORS = (HoticeError, ArithmeticError, ValueError, LookupError, RuntimeError)
+"""What a controller raises when it cannot answer: errors of hotice, numbers and matrices that cannot be (LinAlgError is
+a ValueError), tables without an entry, solvers and libraries that give up (RuntimeError). Others, as TypeError and
+AttributeError, are defects of a program: they end the simulation with their traceback."""
+
+
+def message_of(error: Exception) -> str:
+    """An exception on one line, with its kind."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+class Message:
+    """Text in a Context's abstract state; copies of a Context share it, since none changes it."""
+
+    __slots__ = ("text",)
+
+    def __init__(self, text: str = "") -> None:
+        self.text = text
+
+    def __deepcopy__(self, _: object) -> Message:
+        return self

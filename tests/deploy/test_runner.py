@@ -1,0 +1,311 @@
+"""The runner: what it estimates, what it gives the guard in each mode, and a carry from the gantry to the goal."""
+
+import numpy as np
+import pytest
+
+from hotice.deploy.clock import SimulatedClock
+from hotice.deploy.guard.config import GuardConfig
+from hotice.deploy.guard.guard import Guard
+from hotice.deploy.guard.modes import Mode, Request
+from hotice.deploy.messages.hg import JOINTS, LOW_STATE
+from hotice.deploy.runner import CarryPolicy, DirectEstimator, RobotRunner, SeenPose
+from hotice.deploy.slot.records import STATUS
+from hotice.fields import build_hod_pf
+from hotice.model import builder, g1, load_scene
+from hotice.model.frames import quat_conj, quat_from_axis_angle, quat_from_yaw, quat_mul, quat_rotate
+from hotice.model.robot_state import RobotState
+from hotice.policy import PerceptModel, open_policy, read_fields
+from hotice.policy.action import standing
+from tests.deploy.simulated_fixture import Lab
+from tests.deploy.simulated_fixture import carry as solved
+
+BOX = (0.3, 0.3, 0.25, 1.5)
+STEP_S = 0.002
+
+
+@pytest.fixture(scope="module")
+def carry():
+    return solved(BOX)
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return open_policy("student")
+
+
+@pytest.fixture(scope="module")
+def pf(policy, carry):
+    task = CarryPolicy(policy, carry).task
+    return build_hod_pf(load_scene("gap"), task.resolution_m, task.margin_m)
+
+
+def state_of(robot, yaw_of_imu=0.7):
+    """LowState of a robot, its IMU's heading off by `yaw_of_imu`."""
+    state = LOW_STATE.zeros()
+    state["imu_state"]["quaternion"] = quat_mul(quat_from_yaw(yaw_of_imu), robot.quat_WP)
+    state["imu_state"]["gyroscope"] = robot.w_WP_P
+    motors = state["motor_state"][JOINTS]
+    motors["q"], motors["dq"] = robot.joint_pos, robot.joint_vel
+    return state
+
+
+def a_robot(carry, rng):
+    held = RobotState.from_carry(carry)
+    tilt = quat_from_axis_angle(np.array([0.6, -0.8, 0.0]), 0.1)
+    quat_WP = quat_mul(quat_from_yaw(-2.0), tilt)
+    return RobotState(
+        p_WP=np.array([1.0, -0.5, 0.72]),
+        quat_WP=quat_WP,
+        w_WP_P=rng.normal(size=3),
+        joint_pos=held.joint_pos + 0.05 * rng.normal(size=29),
+        joint_vel=rng.normal(size=29),
+        carried=carry.carried,
+        p_WO=np.array([1.0, -0.5, 0.72]) + quat_rotate(quat_WP, [0.3, 0.02, 0.1]),
+        quat_WO=quat_mul(quat_WP, quat_from_yaw(0.05)),
+    )
+
+
+class Poses:
+    """Sources of an estimator, turned by hand."""
+
+    def __init__(self, robot):
+        self.pelvis = SeenPose(robot.p_WP, robot.quat_WP, 0.0)
+        back = quat_conj(robot.quat_WP)
+        self.box = SeenPose(quat_rotate(back, robot.p_WO - robot.p_WP), quat_mul(back, robot.quat_WO), 0.0)
+
+    def estimator(self, carry):
+        return DirectEstimator(carry.carried, lambda: self.pelvis, lambda: self.box)
+
+
+def test_the_percept_is_that_of_the_true_state(carry, rng):
+    """Whatever heading the IMU believes in."""
+    robot = a_robot(carry, rng)
+    for yaw in (0.0, 0.7, -3.0):
+        estimate = Poses(robot).estimator(carry).update(state_of(robot, yaw), 0.3)
+        true = PerceptModel(carry.carried)(*robot.to_mujoco(29))
+        np.testing.assert_allclose(estimate.percept.vector, true.vector, atol=2e-6)
+        assert estimate.pose_age_s == estimate.box_age_s == 0.3 and not estimate.disputed
+
+
+def test_nothing_is_believed_before_both_were_seen(carry, rng):
+    robot = a_robot(carry, rng)
+    for missing in ("pelvis", "box"):
+        poses = Poses(robot)
+        setattr(poses, missing, None)
+        assert poses.estimator(carry).update(state_of(robot), 0.0) is None
+
+
+def test_a_jump_of_localization_is_refused_and_the_fifth_is_a_dispute(carry, rng):
+    robot = a_robot(carry, rng)
+    poses = Poses(robot)
+    estimator, true = poses.estimator(carry), robot.p_WP
+    estimator.update(state_of(robot), 0.0)
+    for i in range(1, 6):
+        poses.pelvis = SeenPose(true + [0.16, 0.0, 0.0], robot.quat_WP, 0.1 * i)
+        for _ in range(5):  # one that is read again does not count again
+            estimate = estimator.update(state_of(robot), 0.1 * i)
+        x, disputed = (true[0], False) if i < 5 else (true[0] + 0.16, True)
+        assert estimate.percept.p_WP[0] == pytest.approx(x) and estimate.disputed is disputed
+        assert estimate.pose_age_s == pytest.approx(0.1 * i if i < 5 else 0.0)
+    estimator.settle()
+    assert not estimator.update(state_of(robot), 0.6).disputed
+
+
+def test_a_box_that_is_not_seen_moves_with_the_pelvis(carry, rng):
+    robot = a_robot(carry, rng)
+    poses = Poses(robot)
+    estimator = poses.estimator(carry)
+    before = estimator.update(state_of(robot), 0.0)
+    poses.pelvis = SeenPose(robot.p_WP + [0.05, 0.0, 0.0], robot.quat_WP, 0.1)
+    poses.box = SeenPose(np.full(3, np.nan), np.zeros(4), 0.1)
+    after = estimator.update(state_of(robot), 0.4)
+    np.testing.assert_allclose(after.percept.p_WO - before.percept.p_WO, [0.05, 0.0, 0.0], atol=1e-9)
+    assert after.box_age_s == 0.4 and after.pose_age_s == pytest.approx(0.3)
+
+
+class Desk:
+    """A runner whose guard is a status written by hand."""
+
+    def __init__(self, policy, pf, carry, poses):
+        self.clock, self.status, self.put = SimulatedClock(1.0), np.zeros((), STATUS), []
+        self.runner = RobotRunner(
+            policy,
+            pf,
+            carry,
+            poses.estimator(carry),
+            lambda: self.status,
+            lambda t: self.put.append(t.copy()),
+            self.clock,
+        )
+
+    def tick(self, mode, robot):
+        self.status["mode"], self.status["sequence"], self.status["state"] = mode, 7, state_of(robot)
+        before = len(self.put)
+        self.runner.tick()
+        self.clock.sleep(0.02)
+        return self.put[-1] if len(self.put) > before else None
+
+
+def test_targets_by_mode(policy, pf, carry, rng):
+    robot = a_robot(carry, rng)
+    desk = Desk(policy, pf, carry, Poses(robot))
+    rest = desk.runner.all_joints(carry.joint_target)
+    assert not desk.tick(Mode.OFF, robot)["warm"]
+    desk.runner.warm()
+    for mode in (Mode.OFF, Mode.DAMPING, Mode.POSTURE, Mode.READY):
+        targets = desk.tick(mode, robot)
+        assert (targets["q"] == rest).all() and targets["warm"] and not targets["done"]
+    assert targets["number"] == 5 and targets["stamp_s"] == pytest.approx(1.08) and targets["state_sequence"] == 7
+    percept = PerceptModel(carry.carried)(*robot.to_mujoco(29))
+    for mode in (Mode.CARRY, Mode.HOLD, Mode.LOWER, Mode.PICK_UP):
+        desk.tick(Mode.READY, robot)  # forgets the action before
+        ours = CarryPolicy(policy, carry)
+        reading = read_fields(pf, percept, ours.task)
+        expected = ours.act(percept, reading if mode is Mode.CARRY else standing(reading))
+        targets = desk.tick(mode, robot)
+        np.testing.assert_allclose(targets["q"], desk.runner.all_joints(expected), atol=1e-4)
+        assert np.abs(targets["q"] - rest).max() > 0.01
+
+
+def test_joints_that_the_policy_does_not_move(policy, pf, carry, rng):
+    runner = Desk(policy, pf, carry, Poses(a_robot(carry, rng))).runner
+    q = dict(zip(g1.ALL_JOINTS, runner.all_joints(np.arange(1.0, 21.0)), strict=True))
+    assert [q[joint] for joint in g1.ACTION_JOINTS] == list(range(1, 21))
+    assert [q[joint] for joint in g1.WAIST_JOINTS] == [0.0] * 3
+    assert [q[joint] for joint in g1.WRIST_JOINTS] == carry.wrist_pos.tolist()
+
+
+def test_who_does_not_know_where_it_is_gives_no_targets_for_walking(policy, pf, carry, rng):
+    robot = a_robot(carry, rng)
+    poses = Poses(robot)
+    poses.pelvis = None
+    desk = Desk(policy, pf, carry, poses)
+    assert desk.tick(Mode.READY, robot)["pose_age_s"] == np.inf
+    assert desk.tick(Mode.CARRY, robot) is None
+
+
+def test_a_policy_that_answers_nonsense_gives_no_targets(policy, pf, carry, rng):
+    robot = a_robot(carry, rng)
+    ours = CarryPolicy(policy, carry)
+    percept = PerceptModel(carry.carried)(*robot.to_mujoco(29))
+    reading = read_fields(pf, percept, ours.task)
+    good = CarryPolicy(policy, carry).act(percept, reading)
+    percept.q[3] = np.nan
+    assert ours.act(percept, reading) is None
+    percept.q[3] = robot.joint_pos[3]
+    np.testing.assert_array_equal(ours.act(percept, reading), good)
+
+
+def test_the_goal_is_told(policy, pf, carry, rng):
+    robot = a_robot(carry, rng)
+    poses = Poses(robot)
+    goal = np.array([*load_scene("gap").goal, 0.72])
+    poses.pelvis = SeenPose(goal + [0.11, 0.0, 0.0], robot.quat_WP, 0.0)
+    desk = Desk(policy, pf, carry, poses)
+    assert not desk.tick(Mode.CARRY, robot)["done"]
+    poses.pelvis = SeenPose(goal + [0.09, 0.0, 0.0], robot.quat_WP, 0.1)
+    assert desk.tick(Mode.CARRY, robot)["done"] and not desk.tick(Mode.HOLD, robot)["done"]
+
+
+def test_the_same_actions_as_in_a_diagram(policy, pf, carry, rng):
+    pytest.importorskip("pydrake")
+    from pydrake.systems.analysis import Simulator
+
+    from hotice.systems.policy import PolicySystem
+
+    robot = a_robot(carry, rng)
+    percept = PerceptModel(carry.carried)(*robot.to_mujoco(29))
+    system, ours = PolicySystem(policy, carry), CarryPolicy(policy, carry)
+    reading = read_fields(pf, percept, ours.task)
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    system.GetInputPort("percept").FixValue(context, percept.vector)
+    system.GetInputPort("guidance").FixValue(context, reading.vector)
+    for step in range(5):
+        simulator.AdvanceTo(step * ours.task.control_dt_s + 1e-6)
+        np.testing.assert_array_equal(system.GetOutputPort("joint_target").Eval(context), ours.act(percept, reading))
+
+
+class Chain:
+    """Robot, guard and runner in lock step; localization and the box's pose are the truth."""
+
+    def __init__(self, policy, pf, **config):
+        self.lab = Lab(start="held", scene=pf.scene, **config)
+        self.slot = self.status = None
+        self.wishes, self.events, self.count = set(), [], 0
+        world = self.lab.world
+        estimator = DirectEstimator(world.carry.carried, self._pelvis, self._box)
+        self.runner = RobotRunner(policy, pf, world.carry, estimator, lambda: self.status, self._put, self.lab.clock)
+        self.runner.warm()
+        self.guard = Guard(
+            self.lab.link,
+            lambda: self.slot,
+            self._tell,
+            self.lab.clock,
+            GuardConfig(posture_s=2.0),
+            wishes=self._asked,
+            charge=lambda: 80.0,
+            on_event=self.events.append,
+        )
+
+    def go(self, seconds, until=lambda: False):
+        for _ in range(round(seconds / STEP_S)):
+            if self.count % 10 == 0:
+                self.runner.tick()
+            self.guard.tick()
+            self.lab.clock.sleep(STEP_S)
+            self.count += 1
+            if until():
+                return
+
+    def ask(self, request):
+        self.wishes = {Request(request)}
+        self.go(STEP_S)
+
+    def _asked(self):
+        asked, self.wishes = self.wishes, set()
+        return asked
+
+    def _put(self, targets):
+        self.slot = targets.copy()
+
+    def _tell(self, status):
+        self.status = status.copy()
+
+    def _pelvis(self):
+        pelvis = self.lab.world.data.body(g1.ROOT_BODY)
+        return SeenPose(pelvis.xpos.copy(), pelvis.xquat.copy(), self.lab.clock.now())
+
+    def _box(self):
+        pelvis, box = (self.lab.world.data.body(name) for name in (g1.ROOT_BODY, builder.OBJECT_BODY))
+        back = quat_conj(pelvis.xquat)
+        return SeenPose(quat_rotate(back, box.xpos - pelvis.xpos), quat_mul(back, box.xquat), self.lab.clock.now())
+
+
+@pytest.mark.slow
+def test_from_the_gantry_to_the_goal(policy, pf):
+    """Hanging, brakes, posture, the box handed over, lowered, carried through the gap, held there, stopped."""
+    chain = Chain(policy, pf)
+    robot, guard = chain.lab.robot, chain.guard
+    chain.go(0.6)
+    chain.ask("start")
+    chain.go(0.2)
+    chain.ask("posture")
+    chain.go(2.1)
+    assert guard.mode is Mode.READY
+    robot.press("F1")
+    chain.go(3.0, lambda: robot.handing.stage == "held")
+    chain.go(0.5)
+    robot.press("F1")
+    chain.go(1.0)
+    robot.press("F2")
+    chain.go(6.0, lambda: robot.gantry._slack)
+    chain.ask("carry")
+    chain.go(10.0, lambda: guard.mode is not Mode.CARRY)
+    assert guard.mode is Mode.HOLD and guard.cause.name == "DONE", chain.events
+    chain.go(2.0)
+    place = chain.lab.world.data.body(g1.ROOT_BODY).xpos
+    assert np.hypot(*(place[:2] - pf.scene.goal)) < 0.15 and place[2] > 0.6 and guard.mode is Mode.HOLD
+    assert chain._box().p[2] > 0.0 and guard.targets.refused == 0
+    chain.ask("stop")
+    assert guard.mode is Mode.DAMPING
