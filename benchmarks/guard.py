@@ -215,10 +215,10 @@ class Player:
                 return said
         raise RuntimeError(f"the process said nothing of the kind (exit {self.process.poll()})")
 
-    def end(self, number: int) -> None:
-        self.process.send_signal(number)
-        if number == signal.SIGSTOP:
-            self.process.kill()
+    def end(self, number: int | None) -> None:
+        """Waits until it is gone, after a signal if there is a number."""
+        if number is not None:
+            self.process.send_signal(number)
         self.process.wait(LONG_S)
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
@@ -265,7 +265,8 @@ class Stage:
         """Ends all; what the guard says of its ticks."""
         self.guard.process.send_signal(signal.SIGTERM)
         seen = self.guard.hear(lambda said: "ticks" in said)
-        self.guard.end(signal.SIGTERM)
+        # a second signal would end it before its slot is unlinked
+        self.guard.end(None)
         if self.robot is not self.guard:
             self.robot.end(signal.SIGTERM)
         return seen

@@ -123,7 +123,7 @@ def moments(number: int) -> list[tuple[str, object, np.ndarray, np.ndarray, floa
 
 def main() -> None:
     """Prints the table; writes it as JSON where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--moments", type=int, default=6)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()

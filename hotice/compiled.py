@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import warnings
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +18,8 @@ from typing import Any
 import numba
 from numba.core import config
 
-from hotice.caches import kept_or_temporary
+from hotice.caches import NotKept, cache_folder
+from hotice.errors import OutputError
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -26,8 +28,11 @@ def compiled(function: Callable | None = None, /, **options: Any) -> Any:
     """Decorator: `numba.njit(**options)`, cached. Kept in $NUMBA_CACHE_DIR, else as `hotice.caches` says."""
     if function is None:
         return lambda f: compiled(f, **options)
+    folder = _cache_folder()
+    if folder is None:
+        return numba.njit(**options)(function)
     before = config.CACHE_DIR  # type: ignore[attr-defined]
-    config.CACHE_DIR = str(_cache_folder())  # type: ignore[attr-defined]
+    config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
     try:
         return numba.njit(cache=True, **options)(function)
     finally:
@@ -35,9 +40,14 @@ def compiled(function: Callable | None = None, /, **options: Any) -> Any:
 
 
 @lru_cache
-def _cache_folder() -> Path:
+def _cache_folder() -> Path | None:
+    """None: nothing is kept, with a warning; never where others could have put something, which would be run."""
     given = os.environ.get("NUMBA_CACHE_DIR")
-    return kept_or_temporary(f"numba-{_digest()}", Path(given) / "hotice" if given else None)
+    try:
+        return cache_folder(f"numba-{_digest()}", Path(given) / "hotice" if given else None)
+    except OutputError as error:
+        warnings.warn(f"fields and geometry are compiled anew in each process: {error}", NotKept, stacklevel=3)
+        return None
 
 
 def _digest() -> str:

@@ -66,7 +66,7 @@ def test_without_a_home(monkeypatch):
 
 
 def test_a_process_without_a_home_works_and_leaves_nothing(tmp_path):
-    """Compiled functions go to a folder of this process; torch's folder, made at an import, too."""
+    """Compiled functions are not kept; torch's folder, made at an import, is removed at the end."""
     (tmp_path / "file").touch()
     code = (
         "from hotice.compiled import compiled\nassert compiled(lambda a: a + 1)(1) == 2\n"

@@ -1,7 +1,9 @@
 import numba
+import pytest
 from numba.core import config
 
 from hotice import compiled as module
+from hotice.caches import NotKept
 from hotice.compiled import compiled
 
 
@@ -17,6 +19,8 @@ def test_functions_compile_and_keep_their_options():
 
 
 def test_the_cache_lies_in_a_folder_of_this_state_of_the_sources(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.delenv("HOTICE_CACHE", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     module._cache_folder.cache_clear()
     try:
@@ -39,13 +43,28 @@ def test_another_source_is_another_folder(tmp_path, monkeypatch):
     assert module._digest() != first
 
 
-def test_without_a_home_each_process_compiles_for_itself(tmp_path, monkeypatch):
+def test_without_a_folder_nothing_is_kept(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("HOTICE_CACHE", str(blocked))
     module._cache_folder.cache_clear()
     try:
-        folder = module._cache_folder()
-        assert folder.is_dir() and not folder.is_relative_to(blocked)
+        with pytest.warns(NotKept, match="compiled anew in each process: .*set HOTICE_CACHE"):
+            made = compiled(add)
+        assert made(2, 3) == 5 and not made.stats.cache_path
+    finally:
+        module._cache_folder.cache_clear()
+
+
+def test_what_others_could_have_filled_is_not_run(tmp_path, monkeypatch):
+    """An index of numba's is unpickled: whoever can write it runs code."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    module._cache_folder.cache_clear()
+    try:
+        module._cache_folder().chmod(0o777)
+        module._cache_folder.cache_clear()
+        with pytest.warns(NotKept, match="can be written by other users"):
+            assert module._cache_folder() is None
     finally:
         module._cache_folder.cache_clear()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +65,11 @@ class PolicySession:
         return _rows(self.name, self.meta["layout"])
 
     def run(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Actions (N, 20) of raw observations (N, O)."""
-        return np.asarray(self._session.run([ACTION], {OBSERVATION: observation})[0])
+        """Actions (N, 20) of raw observations (N, O). Raises `CheckpointError` where onnxruntime gives up."""
+        try:
+            return np.asarray(self._session.run([ACTION], {OBSERVATION: observation})[0])
+        except _runtime_errors() as error:
+            raise CheckpointError(f"{self.name}: onnxruntime cannot run it: {_first_line(error)}") from None
 
 
 def shipped_policies() -> tuple[str, ...]:
@@ -182,6 +186,7 @@ def _read(path: Path) -> bytes:
         raise CheckpointError(str(error)) from None
 
 
+@cache
 def _runtime_errors() -> tuple[type[Exception], ...]:
     """Errors of onnxruntime, which have no common kind of their own."""
     from onnxruntime.capi import onnxruntime_pybind11_state as state

@@ -459,6 +459,18 @@ def test_a_runner_elsewhere_is_not_followed():
     assert bench.ask("carry") is Mode.READY and "away from the posture" in bench.events[-1].text
 
 
+def test_a_fault_that_comes_and_goes_is_told_once():
+    bench = bench_in(Mode.CARRY)
+    before = len(bench.events)
+    for _ in range(20):
+        once(bench, state_fault("q", np.nan))
+        bench.ticks(9)
+    assert [event.cause for event in bench.events[before:]] == [Cause.STATES_REFUSED]
+    bench.seconds(1.1)
+    once(bench, state_fault("q", np.nan))
+    assert [event.cause for event in bench.events[before:]] == [Cause.STATES_REFUSED] * 2
+
+
 def test_a_dry_run_sends_nothing():
     bench = Bench(link=DryLink).to(Mode.CARRY)
     assert bench.robot.command() is None and bench.link.commands == sum(c is not None for c in bench.sent) > 500

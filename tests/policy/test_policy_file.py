@@ -150,3 +150,9 @@ def test_weights_that_are_not_finite_are_refused(tmp_path, where, value):
 
 def test_shipped_policies_are_finite():
     assert [open_policy(name).name for name in shipped_policies()] == list(shipped_policies())
+
+
+def test_what_onnxruntime_refuses_is_an_error_of_ours():
+    """So that a station or a runner that catches a controller's errors answers it."""
+    with pytest.raises(CheckpointError, match="student: onnxruntime cannot run it: .*"):
+        open_policy("student").run(np.zeros((1, 3), np.float32))

@@ -7,6 +7,7 @@ from pydrake.systems.analysis import Simulator
 from hotice.control import Command
 from hotice.errors import InvalidStation
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
+from hotice.safety import Fault
 from hotice.systems.controller_system import UNKNOWN_PHASE, ControllerSystem, measurement_of
 from hotice.systems.signals import JOINT_POS, JOINT_VEL
 
@@ -116,3 +117,32 @@ def test_rates_are_checked(robot_state):
     controller.rate_hz = 0.0
     with pytest.raises(InvalidStation, match="rate_hz is 0.0"):
         ControllerSystem(controller, (), np.zeros(20))
+
+
+class Failing(Counter):
+    """Raises at the third step, answers the sixth with a fallback."""
+
+    def step(self, memory, measurement):
+        if memory.steps == 2 and not self.raised:
+            self.raised = True
+            raise RuntimeError("the solver\ngave up")
+        command, memory = super().step(memory, measurement)
+        return replace(command, faults=int(memory.steps >= 5)), memory
+
+    raised = False
+
+
+def test_what_a_controller_cannot_answer_is_a_fault_with_its_message(robot_state):
+    system = ControllerSystem(Failing(), ("first", "later"), np.full(20, -1.0))
+    simulator = start(system, robot_state)
+    assert np.isnan(system.GetOutputPort("status").Eval(simulator.get_context())[0])
+    seen = []
+    for k in range(7):
+        simulator.AdvanceTo(0.01 * k + 0.001)
+        time_s, fault = system.GetOutputPort("status").Eval(simulator.get_context())
+        assert time_s == pytest.approx(0.01 * k)
+        seen.append((Fault(int(fault)), outputs(system, simulator)[0][0], system.message(simulator.get_context())))
+    gave_up, fell_back = "RuntimeError: the solver gave up", "1 steps were answered with a fallback"
+    bad, good = Fault.CONTROLLER_ERROR, Fault.NONE
+    assert seen[:3] == [(good, 1.0, ""), (good, 2.0, ""), (bad, 2.0, gave_up)], "the torque before is kept"
+    assert seen[3:] == [(good, 3.0, gave_up), (good, 4.0, gave_up), (bad, 5.0, fell_back), (good, 6.0, fell_back)]

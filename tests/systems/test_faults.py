@@ -240,6 +240,46 @@ def test_a_policy_that_gives_up_while_walking(answer, fault, message):
     assert policy.message(policy.GetMyContextFromRoot(simulator.get_context())) == message
 
 
+class Unsolvable:
+    """A solver that gives up from a moment on."""
+
+    def __init__(self, solver):
+        self.solver, self.gives_up = solver, False
+
+    def solve(self, guess):
+        return False if self.gives_up else self.solver.solve(guess)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["no solution", "an exception"])
+def test_a_walk_whose_qp_gives_up(how, monkeypatch):
+    pytest.importorskip("pinocchio")
+    station = make_station(StationConfig(scene="open_floor"), controller="walk")
+    walk = station.GetSubsystemByName("walk")
+    simulator = Simulator(station)
+    simulator.AdvanceTo(AT_S - 0.001)
+    if how == "an exception":
+
+        def raises(*_):
+            raise ValueError("matrix is singular")
+
+        monkeypatch.setattr(walk.controller, "step", raises)
+    else:
+        qp = walk.controller.qp if hasattr(walk.controller, "qp") else walk.controller._qp
+        solver = Unsolvable(qp._solver)
+        solver.gives_up = True
+        monkeypatch.setattr(qp, "_solver", solver)
+    monitor = station.GetSubsystemByName("safety_monitor")
+    context = monitor.GetMyContextFromRoot(simulator.get_context())
+    simulator.AdvanceTo(2.0)
+    counts = monitor.GetOutputPort("faults").Eval(context)
+    assert counts[Fault.CONTROLLER_ERROR] >= 60
+    answer, fault = monitor.GetOutputPort("answer").Eval(context)
+    assert Answer(int(answer)) in (Answer.HOLD, Answer.DAMP) and Fault(int(fault)) is Fault.CONTROLLER_ERROR
+    message = walk.message(walk.GetMyContextFromRoot(simulator.get_context()))
+    assert ("matrix is singular" if how == "an exception" else "fallback") in message
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["mujoco", "drake"])
 def test_a_robot_that_is_pushed_over_under_a_nan_command(plant):

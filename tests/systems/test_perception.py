@@ -361,6 +361,9 @@ def test_a_policy_told_to_stand_reads_a_goal_where_it_is(station, carry, robot_s
     assert np.isfinite(system.observation(context)).all()
     system.GetInputPort("answer").FixValue(context, [0.0, 0.0])
     simulator.AdvanceTo(0.041)
+    np.testing.assert_array_equal(context.get_discrete_state(PLACE).value(), place)  # there is no other guidance
+    system.GetInputPort("guidance").FixValue(context, np.nan_to_num(reading.vector))
+    simulator.AdvanceTo(0.061)
     assert np.isnan(context.get_discrete_state(PLACE).value()).all()
 
 

@@ -197,7 +197,7 @@ def test_noise_changes_what_the_policy_reads(carry):
         ({"config": StationConfig(scene="nowhere")}, UnknownName, "unknown scene"),
         ({"config": StationConfig(scene="no/file.json")}, InvalidScene, "no such file"),
         ({"config": StationConfig(policy="nobody")}, UnknownName, "unknown policy"),
-        ({"config": StationConfig(policy="no/file.onnx")}, CheckpointError, "cannot be read"),
+        ({"config": StationConfig(policy="no/file.onnx")}, CheckpointError, "no such file"),
     ],
 )
 def test_bad_stations(kwargs, error, message):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
@@ -23,6 +24,9 @@ from hotice.deploy.guard.targets import Targets
 from hotice.deploy.link.protocol import Link, LinkError, ReceivedState
 from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.slot.records import STATUS
+
+AWAY_S = 1.0
+"""A fault that was away for longer is told again [s]."""
 
 
 class Event(NamedTuple):
@@ -67,7 +71,7 @@ class Guard:
         self.mode, self.cause = Mode.OFF, Cause.NONE
         self._entered_s = self._others_s = clock.now()
         self._foreign, self._seen = link.counts().foreign_commands, 0
-        self._told: frozenset[Cause] = frozenset()
+        self._told: dict[Cause, float] = {}
         self._refused: str = ""
         self._link_fails = False
         self._status_record = np.zeros((), STATUS)
@@ -181,10 +185,12 @@ class Guard:
         return status
 
     def _tell_faults(self, found: list[Finding], now_s: float) -> None:
+        # one that comes and goes is told once, until it has been away for a while
         for finding in found:
-            if finding.cause not in self._told and self.mode is not Mode.OFF:
+            away_s = now_s - self._told.get(finding.cause, -math.inf)
+            if away_s > AWAY_S and self.mode is not Mode.OFF:
                 self._event(now_s, finding.cause, f"{finding.reaction.name.lower()}: {finding}")
-        self._told = frozenset(finding.cause for finding in found)
+            self._told[finding.cause] = now_s
 
     def _event(self, now_s: float, cause: Cause, text: str) -> None:
         self._on_event(Event(now_s, self.mode, cause, text))
