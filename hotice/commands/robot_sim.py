@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import gc
 import math
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from rich.table import Table
 
 from hotice.commands.robot_sim_config import RobotSimConfig
+from hotice.commands.signals import stopped_by_signals
 from hotice.console import PlainConsole
 from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.dds.node import DdsNode
@@ -42,7 +40,7 @@ def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
     # what exists now is never looked at again
     gc.collect()
     gc.freeze()
-    with Terminal() as terminal, _stopped_by_signals(stopped):
+    with Terminal() as terminal, stopped_by_signals(stopped):
         if terminal.there:
             console.print("keys: " + ", ".join(f"{letter!r} {'+'.join(keys)}" for letter, keys in KEYS.items()))
 
@@ -55,20 +53,6 @@ def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
         lateness = live(step, MonotonicClock(), lambda: not stopped and robot.time_s < config.duration_s)
     gc.unfreeze()
     console.print(_summary(network, lateness))
-
-
-@contextmanager
-def _stopped_by_signals(stopped: list[int]) -> Iterator[None]:
-    """Puts SIGINT and SIGTERM into a list instead of ending the program."""
-    before = {
-        each: signal.signal(each, lambda number, frame: stopped.append(number))
-        for each in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield
-    finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
 
 
 def _summary(network: NetworkRobot, lateness: Lateness) -> Table:

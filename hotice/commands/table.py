@@ -20,6 +20,7 @@ from hotice.commands.configs import (
 )
 from hotice.commands.exit_status import STOPPED
 from hotice.commands.robot_sim_config import RobotSimConfig
+from hotice.commands.tags_config import TagCameraConfig, TagsConfig
 from hotice.files import check_folder, check_writable
 from hotice.owner import check_unowned
 from hotice.progress import doing
@@ -125,6 +126,25 @@ def robot_sim(config: Flat[RobotSimConfig]) -> int:
     return 0
 
 
+def tags(config: Flat[TagsConfig]) -> int:
+    """Make the sheets of tags that a robot's camera knows a box by, to be printed."""
+    from hotice.deploy.tags.sheet import write_sheets
+    from hotice.model.objects import Box
+
+    check_writable(config.out)
+    # a sheet needs no mass
+    print(write_sheets(Box(config.box, 1.0), config.out))
+    return 0
+
+
+def tag_camera(config: Flat[TagCameraConfig]) -> int:
+    """Read a camera, and send where the tags of the box are in its pictures."""
+    from hotice.commands.tag_camera import tag_camera as run
+
+    run(config)
+    return 0
+
+
 def scene() -> int:
     """Import, show, check, list and generate scenes: see `hotice scene --help`."""
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
@@ -155,5 +175,7 @@ COMMANDS = {
     "tables": tables,
     "benchmark": benchmark,
     "robot-sim": robot_sim,
+    "tags": tags,
+    "tag-camera": tag_camera,
     "scene": scene,
 }

@@ -94,11 +94,11 @@ class PolicySystem(LeafSystem):
 
     def observation(self, context: Context) -> NDArray[np.float32]:
         """What the policy would read now; rows as in `hotice.policy.observation.layout_of`."""
-        return self._observe(context, context.get_discrete_state(MEMORY).value())
+        return self._observe(context, context.get_discrete_state(MEMORY).value(), self._has_to_stand(context))
 
-    def _observe(self, context: Context, memory: Array) -> NDArray[np.float32]:
+    def _observe(self, context: Context, memory: Array, stands: bool) -> NDArray[np.float32]:
         percept, reading = Percept(self._percept.Eval(context)), FieldReading(self._guidance.Eval(context))
-        if self._has_to_stand(context):
+        if stands:
             place = context.get_discrete_state(PLACE).value()
             place = self._here(percept) if math.isnan(place[0]) else place
             reading = read_standing(reading, percept, place, self.task)
@@ -113,8 +113,7 @@ class PolicySystem(LeafSystem):
     def _here(self, percept: Percept) -> Array:
         return np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
 
-    def _remember_place(self, context: Context, state: State) -> None:
-        stands = self._has_to_stand(context)
+    def _remember_place(self, context: Context, state: State, stands: bool) -> None:
         if stands == math.isnan(context.get_discrete_state(PLACE).value()[0]):
             place = self._here(Percept(self._percept.Eval(context))) if stands else np.full(3, np.nan)
             state.get_mutable_discrete_state(PLACE).SetFromVector(place)
@@ -125,8 +124,9 @@ class PolicySystem(LeafSystem):
                 state.get_mutable_discrete_state(group).SetFromVector(rest)
             return
         memory = state.get_mutable_discrete_state(MEMORY).get_mutable_value()  # still the last step's
-        observation = self._observe(context, memory)
-        self._remember_place(context, state)
+        stands = self._has_to_stand(context)
+        observation = self._observe(context, memory, stands)
+        self._remember_place(context, state, stands)
         raw, fault = None, Fault.NONE
         if not math.isfinite(observation.dot(observation)):
             fault = self._fails(state, Fault.OBSERVATION_INVALID, "the observation is not finite")
