@@ -10,9 +10,8 @@ import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-from hotice.commands.exit_status import INTERRUPTED, STOPPED
 from hotice.errors import Stopped
-from hotice.failures import mendable, one_line
+from hotice.failures import INTERRUPTED, STOPPED, mendable, one_line
 
 
 def main(argv: list[str] | None = None) -> int:

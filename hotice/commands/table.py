@@ -18,9 +18,9 @@ from hotice.commands.configs import (
     ReproduceConfig,
     TrainConfig,
 )
-from hotice.commands.exit_status import STOPPED
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.commands.tags_config import TagCameraConfig, TagsConfig
+from hotice.failures import STOPPED
 from hotice.files import check_folder, check_writable
 from hotice.owner import check_unowned
 from hotice.progress import doing

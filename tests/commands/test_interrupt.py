@@ -11,9 +11,9 @@ import pytest
 
 from hotice import demo
 from hotice.commands import table as commands
-from hotice.commands.exit_status import INTERRUPTED, STOPPED
 from hotice.commands.program import guarded, main
 from hotice.evaluate import run as evaluation
+from hotice.failures import INTERRUPTED, STOPPED
 from hotice.learn.train.runner import Runner
 
 QUICK = ["--no-perturbed", "--rollouts", "2", "--objects", "1", "--threads", "1", "--horizon-s", "0.1", "--batch", "1"]
@@ -81,6 +81,7 @@ def test_every_command_ends_so(monkeypatch, capsys, run):
         "play": [],
         "tables": [],
         "benchmark": [],
+        "tags": ["--box", "0.3", "0.3", "0.3", "--out", "x.pdf"],
         "scene import": ["map.obj", *map_options],
         "scene import-front3d": ["--house", "house.json", "--models", "."],
         "scene show": ["open_floor", "--html", "x.html"],
@@ -91,7 +92,7 @@ def test_every_command_ends_so(monkeypatch, capsys, run):
     from hotice.commands import scene
 
     names = {*commands.COMMANDS, *(f"scene {name}" for name in scene.COMMANDS)}
-    names -= {"scene", "robot-sim"}  # a group; and what Ctrl-C is the way to end, as that of `scene show`
+    names -= {"scene", "robot-sim", "tag-camera"}  # a group; and what Ctrl-C is the way to end
     assert set(asked) == names
     for name, options in asked.items():
         assert main([*name.split(), *map(str, options)]) == INTERRUPTED, name
