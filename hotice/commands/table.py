@@ -134,7 +134,7 @@ def tags(config: Flat[TagsConfig]) -> int:
 
     check_writable(config.out)
     # a sheet needs no mass
-    print(write_sheets(Box(config.box, 1.0), config.out))
+    print(write_sheets(Box(config.box, 1.0), config.out, first_id=config.first_id))
     return 0
 
 

@@ -9,7 +9,7 @@ from hotice.commands.tags_config import TagCameraConfig
 from hotice.console import PlainConsole
 from hotice.deploy.clock import Clock, MonotonicClock
 from hotice.deploy.sources.udp import UdpSender
-from hotice.deploy.tags.bundle import NEAR_IDS, TOP_IDS
+from hotice.deploy.tags.bundle import box_ids
 from hotice.deploy.tags.cameras import FolderCamera, FrameSource
 from hotice.deploy.tags.detector import TagDetector
 from hotice.deploy.tags.markers import opencv
@@ -24,7 +24,7 @@ def tag_camera(config: TagCameraConfig) -> None:
     console, clock, stopped = PlainConsole(), MonotonicClock(), []
     # the other cores are the guard's and the runner's
     opencv().setNumThreads(1)
-    detector, frames = TagDetector(TOP_IDS + NEAR_IDS), _opened(config, clock)
+    detector, frames = TagDetector(box_ids(config.first_id)), _opened(config, clock)
     sender = UdpSender(config.port, host=config.host)
     console.print(f"tags of {config.camera} to UDP {config.host}:{config.port}; Ctrl-C ends")
     end_s = clock.now() + config.duration_s

@@ -73,7 +73,8 @@ class BoxPictures:
     ) -> Picture:
         """Grey picture (height, width) of the box before a plain ground, or before what is in the picture `onto`.
 
-        Only faces with a sheet are drawn, and sheets only if all of them is ahead of the camera. What `onto` shows is blurred once more: take it with `NO_OPTICS`.
+        Only faces with a sheet are drawn, and a sheet only if all of it is ahead of the camera. What `onto` shows is
+        blurred once more: take it with `NO_OPTICS`.
         """
         width, height = self._camera.width, self._camera.height
         ground = np.full((height, width), FLOOR, np.uint8) if onto is None else onto
