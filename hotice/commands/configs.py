@@ -14,6 +14,7 @@ from hotice.checks import Range
 from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.recipes import ReproduceConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
+from hotice.commands.tags_config import TagCameraConfig, TagsConfig
 from hotice.errors import InvalidConfig
 from hotice.evaluate.config import EvaluateConfig
 from hotice.learn.distill.config import DistillConfig, FinetuneConfig
@@ -185,6 +186,8 @@ OPTIONS: Mapping[str, type] = {
     "benchmark": BenchmarkConfig,
     "robot-sim": RobotSimConfig,
     "deploy": DeployConfig,
+    "tags": TagsConfig,
+    "tag-camera": TagCameraConfig,
 }
 """Types of the options of each command that has any; `hotice scene` is a group of its own."""
 
