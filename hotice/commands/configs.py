@@ -11,8 +11,10 @@ import tyro
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.recipes import ReproduceConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
+from hotice.commands.tags_config import TagCameraConfig, TagsConfig
 from hotice.errors import InvalidConfig
 from hotice.evaluate.config import EvaluateConfig
 from hotice.learn.distill.config import DistillConfig, FinetuneConfig
@@ -183,6 +185,9 @@ OPTIONS: Mapping[str, type] = {
     "play": PlayConfig,
     "benchmark": BenchmarkConfig,
     "robot-sim": RobotSimConfig,
+    "deploy": DeployConfig,
+    "tags": TagsConfig,
+    "tag-camera": TagCameraConfig,
 }
 """Types of the options of each command that has any; `hotice scene` is a group of its own."""
 

@@ -68,6 +68,11 @@ class SensorModel(LeafSystem):
         self.DeclareVectorOutputPort("percept", PERCEPT, self._output)
         self.DeclarePeriodicDiscreteUpdateEvent(control_dt_s, 0.0, self._update)
 
+    def reseed(self, context: Context, seed: int) -> None:
+        """Draws other noise from now on; exact sensors draw none."""
+        if not self._exact:
+            context.get_mutable_discrete_state_vector()[_SEED] = seed
+
     def _output(self, context: Context, output: BasicVector) -> None:
         if self._exact:
             output.SetFromVector(self._truth(context).vector)

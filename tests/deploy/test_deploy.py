@@ -83,15 +83,17 @@ def test_the_map_is_the_one_of_the_scene(tmp_path):
 def test_a_policy_that_reads_something_else_is_refused(monkeypatch):
     monkeypatch.setattr("hotice.deploy.programs.prepare.layout_of", lambda task: [("speed", 1)])
     options = RunnerOptions(
-        slot="none", scene="open_floor", policy="student", box=(0.3, 0.3, 0.25, 1.5), pose_port=1, tags_port=2
+        slot="none", scene="open_floor", policy="student", box=(0.3, 0.3, 0.25, 1.5), pose_port=1, tags_port=2, log=""
     )
     with pytest.raises(CheckpointError, match="observation layout differs"):
         prepare(options, lambda stage: None)
 
 
 def test_options_as_arguments():
-    guard = GuardOptions(slot="a", domain=3, interface="lo", dry_run=True)
-    runner = RunnerOptions(slot="a", scene="gap", policy="student", box=(0.1, 0.2, 0.3, 4.0), pose_port=1, tags_port=2)
+    guard = GuardOptions(slot="a", domain=3, interface="lo", dry_run=True, log="/tmp/x", keep_s=60.0)
+    runner = RunnerOptions(
+        slot="a", scene="gap", policy="student", box=(0.1, 0.2, 0.3, 4.0), pose_port=1, tags_port=2, log="/tmp/x"
+    )
     assert GuardOptions.of(guard.text()) == guard and RunnerOptions.of(runner.text()) == runner
 
 

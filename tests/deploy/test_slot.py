@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -161,7 +162,8 @@ def test_two_processes_never_see_a_mixed_record(guard):
         f"from tests.deploy.test_slot import targets\ns = RunnerSlot({NAME!r})\n"
         "for i in range(1, 20001): s.put(targets(i))\n"
     )
-    writer = subprocess.Popen([sys.executable, "-c", code])
+    # the child imports this module: its folder is the first place that it looks in
+    writer = subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[2])
     seen, last = 0, 0
     end = time.monotonic() + 60.0
     while last < 20000 and time.monotonic() < end:

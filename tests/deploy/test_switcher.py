@@ -50,10 +50,10 @@ def test_times_that_never_end_are_refused(wrong):
         lambda: active_controller(switcher, timeout_s=wrong),
         lambda: leave_high_level(switcher, SimulatedClock(), robot_is_held=True, timeout_s=wrong),
     ):
-        with pytest.raises(InvalidConfig, match="timeout_s is .*a finite number above 0 is needed"):
+        with pytest.raises(InvalidConfig, match="timeout_s is .*: a finite number above 0"):
             call()
     if wrong != 0.0:
-        with pytest.raises(InvalidConfig, match="pause_s is .*of at least 0 is needed"):
+        with pytest.raises(InvalidConfig, match="pause_s is .*of at least 0"):
             leave_high_level(switcher, SimulatedClock(), robot_is_held=True, pause_s=wrong)
     assert switcher.calls == []
 

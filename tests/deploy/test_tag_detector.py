@@ -40,8 +40,20 @@ def test_an_id_that_is_there_twice_is_not_believed(rng):
     """Another box with the same sheets stands half behind the carried one."""
     other = Pose(np.eye(3), np.array([0.75, 0.05, -0.07]))
     behind = take(other, rng, optics=NO_OPTICS)
-    found = TagDetector(BUNDLE.ids).detect(take(near_pose(rng), rng, onto=behind))
+    X_PO = near_pose(rng)
+    found = TagDetector(BUNDLE.ids).detect(take(X_PO, rng, onto=behind))
     assert found.ids.tolist() == [] and found.doubled == 8
+    # a single one beside them may be the other box's
+    half = TagDetector((0, 1)).detect(_without(take(X_PO, rng, onto=behind), X_PO, tag=1))
+    assert half.ids.tolist() == [] and half.doubled == 2
+
+
+def _without(picture, X_PO, *, tag):
+    """A picture in which something dark hides a tag."""
+    pixels = HEAD_CAMERA.pixels((X_PC.inverse @ X_PO).points(BUNDLE.corners_O[tag]))
+    (left, upper), (right, lower) = np.round(pixels.min(axis=0)).astype(int), np.round(pixels.max(axis=0)).astype(int)
+    picture[upper:lower, left:right] = 60
+    return picture
 
 
 def test_no_tag_in_noise(rng):
@@ -60,3 +72,9 @@ def test_a_pattern_has_a_black_border():
     assert cells.shape == (8, 8) and cells[[0, -1]].all() and cells[:, [0, -1]].all() and not cells.all()
     with pytest.raises(UnknownName, match="0 to 586"):
         black_cells(587)
+
+
+@pytest.mark.parametrize("place", [(-0.8, 0.0, 0.0), (0.1, 0.0, 0.4), (0.0537, 0.0175, 0.3489)])
+def test_a_box_behind_or_around_the_camera_can_be_drawn(place, rng):
+    picture = take(Pose(np.eye(3), np.array(place)), rng)
+    assert picture.shape == (480, 640) and not len(TagDetector(BUNDLE.ids).detect(picture).ids)

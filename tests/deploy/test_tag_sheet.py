@@ -88,6 +88,15 @@ def test_a_page_says_what_to_do_with_it():
     assert any("upper edge 55 mm" in text for text in near)
 
 
+def test_each_box_may_have_its_own_ids():
+    top, near = box_bundle(BOX, first_id=16).faces
+    assert top.ids == (16, 17, 18, 19) and near.ids == (20, 21, 22, 23)
+    assert TagDetector(near.ids).detect(page_picture(near)).ids.tolist() == [20, 21, 22, 23]
+    assert box_bundle(BOX, first_id=579).ids[-1] == 586
+    with pytest.raises(InvalidConfig, match="0 to 586"):
+        box_bundle(BOX, first_id=580)
+
+
 def test_what_cannot_be_printed(tmp_path):
     with pytest.raises(InvalidConfig, match=r"side z is too small, a sheet of tags needs at least 0.14 m"):
         write_sheets(Box((0.3, 0.3, 0.13), 1.5), tmp_path / "tags.pdf")

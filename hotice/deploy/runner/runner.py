@@ -56,6 +56,8 @@ class RobotRunner:
         self._place_W: Array | None = None
         self.estimate: Estimate | None = None
         """The newest."""
+        self.acted = False
+        """Whether the policy made the targets of the last tick."""
 
     @property
     def period_s(self) -> float:
@@ -89,6 +91,7 @@ class RobotRunner:
     def tick(self) -> None:
         """Reads the guard's status and writes targets; none where no state came, or where they would not be finite."""
         began_s = self._clock.now()
+        self.acted, self.estimate = False, None
         status = self._status()
         if status is None:
             return
@@ -98,6 +101,7 @@ class RobotRunner:
         q = self._moving(mode, estimate) if mode in DRIVEN else self._resting()
         if q is None:
             return
+        self.acted = mode in DRIVEN
         targets = self._targets
         targets["number"] += 1
         targets["stamp_s"], targets["state_sequence"] = began_s, status["sequence"]

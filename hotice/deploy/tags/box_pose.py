@@ -1,8 +1,8 @@
 """Pose of a box from the corners of its tags: all of them at once, judged by what is known of the robot.
 
 SQPNP finds the least squares on the rotation, Levenberg-Marquardt polishes it. A plane seen from nearly in front has
-a second pose, its mirror about the line of sight, with corners almost as near: it is polished too, and of those with
-the box's upper side up the nearer counts.
+a second pose, its mirror about the line of sight, with corners almost as near: it is polished too, and where noise may
+have made the difference, the one with the box's upper side up counts.
 """
 
 from __future__ import annotations
@@ -38,12 +38,25 @@ class BoxPoseConfig:
     """Of the box's up axis from up."""
     most_turn_rad: float = math.radians(90.0)
     """Of the box's ahead axis from the robot's: a sheet glued upside down turns it by half a turn."""
+    noise_px: float = 0.5
+    """Standard deviation of a corner's coordinate, by which the two poses of a plane are told apart."""
+    most_doubt: float = 25.0
+    """Of two poses the further one is doubted beyond this difference of squared errors, in units of the noise's."""
     farthest_m: float = 1.5
     """From camera to box: beyond, a corner's noise is too much."""
 
     def __post_init__(self) -> None:
         checks.whole("least_tags", self.least_tags, Range(least=1, most=8))
-        checks.numbers(self, checks.POSITIVE, "most_error_px", "most_lean_rad", "most_turn_rad", "farthest_m")
+        checks.numbers(
+            self,
+            checks.POSITIVE,
+            "most_error_px",
+            "most_lean_rad",
+            "most_turn_rad",
+            "noise_px",
+            "most_doubt",
+            "farthest_m",
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,13 +102,14 @@ class BoxPoser:
         p_O = self._bundle.corners_O[rows].reshape(-1, 3)
         pixels = np.asarray(corners_px, dtype=float)[known].reshape(-1, 2)
         found = self._candidates(p_O, pixels, self._bundle.normals_O[rows])
-        near = [each for each in found if each.error_px <= config.most_error_px]
-        if not near:
-            error_px = min((each.error_px for each in found), default=math.inf)
-            return BoxSighting(verdict="error too large", tags=tags, error_px=error_px)
+        least_px = min((each.error_px for each in found), default=math.inf)
+        if not least_px <= config.most_error_px:
+            return BoxSighting(verdict="error too large", tags=tags, error_px=least_px)
+        doubtful_px = math.sqrt(least_px**2 + config.most_doubt * config.noise_px**2 / len(p_O))
+        near = [each for each in found if each.error_px <= min(config.most_error_px, doubtful_px)]
         possible = [each for each in near if self._possible(X_PC.R @ each.X_CO.R, np.asarray(up_P, dtype=float))]
         if not possible:
-            return BoxSighting(verdict="against the prior", tags=tags, error_px=min(each.error_px for each in near))
+            return BoxSighting(verdict="against the prior", tags=tags, error_px=least_px)
         best = min(possible, key=lambda each: each.error_px)
         if float(np.linalg.norm(best.X_CO.p)) > config.farthest_m:
             return BoxSighting(verdict="too far", tags=tags, error_px=best.error_px)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice import checks
+from hotice.checks import Range
 from hotice.errors import InvalidConfig
 from hotice.model.objects import Box
 
@@ -23,7 +25,9 @@ SHEET_M = 0.14
 """A side of the four with their white margins."""
 TOP_AHEAD_M = 0.035
 """The top's four are so far ahead of the middle, where the camera sees them on boxes of every size."""
-TOP_IDS, NEAR_IDS = (0, 1, 2, 3), (4, 5, 6, 7)
+TAGS = 8
+"""Of a box: the top's four, then the near face's."""
+FIRST_ID = Range(least=0, most=579, note="the family has the ids 0 to 586")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,8 +76,15 @@ class TagBundle:
     """(T, 3) out of the box."""
 
 
-def box_bundle(box: Box) -> TagBundle:
-    """The eight tags of a box, seen by a robot behind it. Raises `InvalidConfig`: a face smaller than a sheet."""
+def box_ids(first_id: int = 0) -> tuple[int, ...]:
+    """Ids of a box's tags; boxes that may be seen together need each their own. Raises `InvalidConfig`."""
+    first = checks.whole("first_id", first_id, FIRST_ID)
+    return tuple(range(first, first + TAGS))
+
+
+def box_bundle(box: Box, *, first_id: int = 0) -> TagBundle:
+    """The eight tags of a box, seen by a robot behind it. Raises `InvalidConfig`: ids, a face smaller than a sheet."""
+    ids = box_ids(first_id)
     half = box.half_extents_m
     if (2.0 * half < SHEET_M).any():
         size, least = " × ".join(f"{v:g}" for v in box.size_m), "xyz"[int(np.argmin(half))]
@@ -84,7 +95,7 @@ def box_bundle(box: Box) -> TagBundle:
     x = min(TOP_AHEAD_M, half[0] - 0.5 * SHEET_M)
     top = TagFace(
         name="top",
-        ids=TOP_IDS,
+        ids=ids[:4],
         middle_O=np.array([x, 0.0, half[2]]),
         right_O=right,
         up_O=ahead,
@@ -94,7 +105,7 @@ def box_bundle(box: Box) -> TagBundle:
     )
     near = TagFace(
         name="near",
-        ids=NEAR_IDS,
+        ids=ids[4:],
         middle_O=np.array([-half[0], 0.0, 0.0]),
         right_O=right,
         up_O=up,
@@ -105,7 +116,7 @@ def box_bundle(box: Box) -> TagBundle:
     faces = (top, near)
     return TagBundle(
         faces=faces,
-        ids=sum((face.ids for face in faces), ()),
+        ids=ids,
         corners_O=np.concatenate([face.corners_O() for face in faces]),
         normals_O=np.concatenate([np.repeat([face.normal_O], len(face.ids), axis=0) for face in faces]),
     )

@@ -28,7 +28,7 @@ class Detection:
     foreign: int
     """Tags of the family with other ids."""
     doubled: int
-    """Tags whose id is there more than once: another box has it too, and none of them is believed."""
+    """Tags whose id is there more than once: another box has the same sheets, and none of the picture's is believed."""
 
 
 class TagDetector:
@@ -52,11 +52,13 @@ class TagDetector:
             )
         corners, ids, _ = self._detector.detectMarkers(picture)
         found = [] if ids is None else [int(tag) for tag in np.ravel(ids)]
-        times = Counter(found)
-        kept = sorted((tag, k) for k, tag in enumerate(found) if tag in self._ids and times[tag] == 1)
+        ours = [tag for tag in found if tag in self._ids]
+        doubled = sum(count for count in Counter(ours).values() if count > 1)
+        # whose the single ones are cannot be told either
+        kept = [] if doubled else sorted((tag, k) for k, tag in enumerate(found) if tag in self._ids)
         return Detection(
             ids=np.array([tag for tag, _ in kept], dtype=np.int64),
             corners_px=np.array([corners[k][0] for _, k in kept], dtype=float).reshape(-1, 4, 2),
-            foreign=sum(tag not in self._ids for tag in found),
-            doubled=sum(tag in self._ids and times[tag] > 1 for tag in found),
+            foreign=len(found) - len(ours),
+            doubled=doubled,
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hotice.deploy.camera import Camera
 from hotice.deploy.frames import Pose
-from hotice.deploy.tags.bundle import SHEET_M, TagBundle, TagFace, box_bundle
+from hotice.deploy.tags.bundle import SHEET_M, TagFace, box_bundle
 from hotice.deploy.tags.markers import opencv
 from hotice.deploy.tags.sheet import INCH_MM, MIDDLE_MM, PAGE_MM, draw_sheet
 from hotice.model.objects import Box
@@ -63,17 +63,9 @@ def turned(sheet: Picture) -> Picture:
 class BoxPictures:
     """Takes pictures of one box."""
 
-    def __init__(
-        self,
-        box: Box,
-        camera: Camera,
-        *,
-        printing: Callable[[Picture], Picture] = printed,
-        bundle: TagBundle | None = None,
-    ) -> None:
-        """`printing` changes the sheets; `bundle` is another than the box's. Raises `InvalidConfig`, `MissingExtra`."""
-        self._box, self._camera = box, camera
-        self._faces = (bundle or box_bundle(box)).faces
+    def __init__(self, box: Box, camera: Camera, *, printing: Callable[[Picture], Picture] = printed) -> None:
+        """`printing` changes the sheets. Raises `InvalidConfig` or `MissingExtra`."""
+        self._box, self._camera, self._faces = box, camera, box_bundle(box).faces
         self._sheets = [_inked(printing(sheet_picture(face))) for face in self._faces]
 
     def take(
@@ -81,7 +73,8 @@ class BoxPictures:
     ) -> Picture:
         """Grey picture (height, width) of the box before a plain ground, or before what is in the picture `onto`.
 
-        Only faces with a sheet are drawn. What `onto` shows is blurred once more: take it with `NO_OPTICS`.
+        Only faces with a sheet are drawn, and a sheet only if all of it is ahead of the camera. What `onto` shows is
+        blurred once more: take it with `NO_OPTICS`.
         """
         width, height = self._camera.width, self._camera.height
         ground = np.full((height, width), FLOOR, np.uint8) if onto is None else onto
@@ -95,9 +88,12 @@ class BoxPictures:
         cv2, half = opencv(), self._box.half_extents_m
         middle, right, up = (axis * half for axis in (face.normal_O, face.right_O, face.up_O))
         corners = X_CO.points([middle - right - up, middle + right - up, middle + right + up, middle - right + up])
-        outline = SUPER * (self._camera.pixels(_ahead(corners)) + 0.5) - 0.5
+        if not len(seen := _ahead(corners)):
+            return
+        outline = SUPER * (self._camera.pixels(seen) + 0.5) - 0.5
         cv2.fillConvexPoly(fine, np.round(16.0 * outline).astype(np.int32), CARDBOARD, lineType=cv2.LINE_8, shift=4)
-        if (X_CO.points(face.corners_O())[..., 2] < NEAREST_M).any():
+        diagonals = 0.5 * SHEET_M * np.array([[x * face.right_O + y * face.up_O for x in (-1, 1)] for y in (-1, 1)])
+        if (X_CO.points(face.middle_O + diagonals)[..., 2] < NEAREST_M).any():
             return
         H = self._homography(face, len(sheet), X_CO)
         size = (fine.shape[1], fine.shape[0])

@@ -34,20 +34,20 @@ ID_OFF_MM = 8.2
 """From a tag to its id, off the white margin of one cell that the detector needs."""
 
 
-def write_sheets(box: Box, path: str | FilePath) -> FilePath:
+def write_sheets(box: Box, path: str | FilePath, *, first_id: int = 0) -> FilePath:
     """A PDF with a page for each face of the box. Raises `InvalidConfig`, `MissingExtra`, `OutputError`."""
     from matplotlib.backends.backend_pdf import PdfPages
 
-    pages, content = draw_sheets(box), io.BytesIO()
+    pages, content = draw_sheets(box, first_id=first_id), io.BytesIO()
     with PdfPages(content, metadata={"Title": f"Tags of a {size_mm(box)}", "CreationDate": None}) as pdf:
         for page in pages:
             pdf.savefig(page)
     return write_bytes(path, content.getvalue())
 
 
-def draw_sheets(box: Box) -> list[Figure]:
+def draw_sheets(box: Box, *, first_id: int = 0) -> list[Figure]:
     """The same pages, as figures of 210 × 297 mm. Raises `InvalidConfig` or `MissingExtra`."""
-    return [draw_sheet(face, size_mm(box)) for face in box_bundle(box).faces]
+    return [draw_sheet(face, size_mm(box)) for face in box_bundle(box, first_id=first_id).faces]
 
 
 def size_mm(box: Box) -> str:
