@@ -19,7 +19,7 @@ from hotice.commands.configs import (
     TrainConfig,
 )
 from hotice.commands.deploy.config import DeployConfig
-from hotice.commands.robot_replay import RobotReplayConfig
+from hotice.commands.deploy.replay import RobotReplayConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.commands.tags_config import TagCameraConfig, TagsConfig
 from hotice.failures import STOPPED
@@ -130,7 +130,7 @@ def robot_sim(config: Flat[RobotSimConfig]) -> int:
 
 def robot_replay(config: Flat[RobotReplayConfig]) -> int:
     """Make a replay page, or an MCAP file, of a robot's log."""
-    from hotice.commands.robot_replay import robot_replay as run
+    from hotice.commands.deploy.replay import robot_replay as run
 
     run(config)
     return 0

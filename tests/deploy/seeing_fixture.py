@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.modes import Mode
-from hotice.deploy.log.kinds import GUARD_KINDS, RUNNER_KINDS, about_run, encode_event
 from hotice.deploy.log.writer import LogWriter
 from hotice.deploy.messages.hg import JOINTS
+from hotice.deploy.programs.options import RunnerOptions
+from hotice.deploy.programs.prepare import Prepared, prepare
+from hotice.deploy.recording.guard_log import KINDS as GUARD_KINDS
+from hotice.deploy.recording.replay import digests
+from hotice.deploy.recording.runner_log import ESTIMATE, kinds, width
 from hotice.deploy.runner.estimator import Estimate
-from hotice.deploy.seeing.moments import estimate_record
 from hotice.deploy.slot.records import STATUS, TARGETS
-from hotice.model import g1, load_scene
+from hotice.model import g1
 from hotice.model.frames import quat_from_axis_angle, quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.robot_state import RobotState
-from hotice.policy import PerceptModel, open_policy
-from hotice.policy.guidance import FieldReading
+from hotice.policy import PerceptModel
 from tests.deploy.simulated_fixture import carry as solved
 
 BOX = (0.3, 0.3, 0.25, 1.5)
 START_S, STEP_S, TICKS, BLIND = 1000.0, 0.02, 100, 10
 """Of the first `BLIND` ticks nothing is believed."""
+DROPPED, LATE = 50, 70
+"""Tick whose status is not in the log; tick from which on all are 5 ms later."""
 EVENTS = (
     (999.5, Mode.DAMPING, Cause.OPERATOR, "start"),
     (1000.5, Mode.CARRY, Cause.OPERATOR, "carry"),
@@ -36,10 +40,16 @@ EVENTS = (
 )
 
 
+OPTIONS = RunnerOptions(slot="none", scene="gap", policy="student", box=BOX, pose_port=1, tags_port=2, log="none")
+
+
 @cache
-def policy():
-    session = open_policy("student")
-    return SimpleNamespace(name="student", meta=session.meta)
+def made() -> Prepared:
+    return prepare(OPTIONS, lambda stage: None)
+
+
+def time_of(i: int) -> float:
+    return START_S + STEP_S * i + 0.005 * (i >= LATE)
 
 
 def robot_at(i: int) -> RobotState:
@@ -69,16 +79,8 @@ def estimate_at(i: int) -> Estimate:
     return Estimate(percept=percept, pose_age_s=0.1, box_age_s=0.02 * i, box_verdict="hidden")
 
 
-def reading_at(i: int) -> FieldReading:
-    """Every field vector is (1, 0, i / 100)."""
-    reading = FieldReading(np.zeros(FieldReading.SIZE))
-    reading.force_W[:] = (1.0, 0.0, 0.01 * i)
-    reading.c_W[:], reading.speed[0], reading.goal_distance[0] = (0.4, 0.0, 0.0), 0.4, 2.5 - 0.01 * i
-    return reading
-
-
 def status_at(i: int) -> np.ndarray:
-    t = START_S + STEP_S * i
+    t = time_of(i)
     status = np.zeros((), STATUS)
     # its cause is that of the mode
     entered = [EVENTS[0], *(event for before, event in pairwise(EVENTS) if event[1] is not before[1])]
@@ -90,26 +92,32 @@ def status_at(i: int) -> np.ndarray:
 
 def targets_at(i: int) -> np.ndarray:
     targets = np.zeros((), TARGETS)
-    targets["number"], targets["stamp_s"], targets["warm"] = i + 1, START_S + STEP_S * i, 1
+    targets["number"], targets["stamp_s"], targets["warm"] = i + 1, time_of(i), 1
     targets["q"], targets["box_age_s"], targets["pose_age_s"] = 0.001 * i, np.inf, 0.1
     return targets
 
 
+def estimate_entry(estimate: Estimate) -> np.ndarray:
+    entry = np.zeros((), ESTIMATE)
+    entry["percept"], entry["disputed"] = estimate.percept.vector, estimate.disputed
+    entry["pose_age_s"], entry["box_age_s"] = estimate.pose_age_s, estimate.box_age_s
+    return entry
+
+
 def write_run(folder, guard: bool = True, blind: int = BLIND, **about):
-    """The run's log in a folder."""
-    header = {**about_run(load_scene("gap"), solved(BOX).carried, policy()), **about}
-    with LogWriter(folder, "runner", RUNNER_KINDS, header) as log:
+    """The run's log in a folder; the status of tick `DROPPED` is not in it."""
+    header = {"options": OPTIONS.text(), **digests(made()), **about}
+    with LogWriter(folder, "runner", kinds(width(made().policy)), header) as log:
         for i in range(TICKS):
-            t = START_S + STEP_S * i
-            log.write("status", t, status_at(i))
+            t = time_of(i)
+            if i != DROPPED:
+                log.write("status", t, status_at(i))
             log.write("targets", t, targets_at(i))
-            log.write("lateness", t, np.array((0.0001 * i, 0.003), RUNNER_KINDS["lateness"]))
             if i >= blind:
-                log.write("estimate", t, estimate_record(estimate_at(i)))
-            if i >= 30:
-                log.write("reading", t, reading_at(i).vector.tobytes())
+                log.write("estimate", t, estimate_entry(estimate_at(i)))
     if guard:
         with LogWriter(folder, "guard", GUARD_KINDS) as log:
             for t, mode, cause, text in EVENTS:
-                log.write("event", t, encode_event(mode, cause, text))
+                said = {"mode": mode.name, "cause": cause.name, "text": text}
+                log.write("event", t, json.dumps(said).encode())
     return folder

@@ -11,14 +11,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from hotice.deploy.log.kinds import about_run
 from hotice.deploy.seeing import LiveView, moment
-from hotice.deploy.seeing.live_frames import Newest, Painter
+from hotice.deploy.seeing.live_frames import Newest, Painter, about_run
 from hotice.deploy.seeing.live_server import MOST_READERS, LiveServer, receive
 from hotice.deploy.seeing.live_view import MomentSender
 from hotice.deploy.seeing.moments import MOMENT
 from hotice.errors import HoticeError
 from hotice.model import builder, g1, load_scene
+from hotice.policy import PolicyTask, read_fields
 from hotice.replay import write_html
 from hotice.replay.html import live_page
 from tests.deploy.seeing_fixture import (
@@ -26,8 +26,7 @@ from tests.deploy.seeing_fixture import (
     START_S,
     STEP_S,
     estimate_at,
-    policy,
-    reading_at,
+    made,
     robot_at,
     solved,
     status_at,
@@ -36,7 +35,7 @@ from tests.deploy.seeing_fixture import (
 
 @pytest.fixture(scope="module")
 def about():
-    return about_run(load_scene("gap"), solved(BOX).carried, policy())
+    return about_run(load_scene("gap"), solved(BOX).carried, made().policy)
 
 
 @pytest.fixture
@@ -45,8 +44,7 @@ def painter(about):
 
 
 def moment_at(i, late_s=0.002):
-    reading = reading_at(i) if i >= 30 else None
-    return moment(status_at(i), estimate_at(i), reading, time_s=START_S + STEP_S * i, late_s=late_s)
+    return moment(status_at(i), estimate_at(i), time_s=START_S + STEP_S * i, late_s=late_s)
 
 
 @contextmanager
@@ -78,7 +76,11 @@ def test_a_frame_has_every_solid_where_it_is(painter):
     placed = [data.geom(name).xpos for name in names]
     np.testing.assert_allclose(np.reshape(frame["geom_pos"], (-1, 3)), placed, atol=1e-4)
     np.testing.assert_allclose(frame["root_pos"], [0.4, -0.2, 0.75])
-    np.testing.assert_allclose(np.reshape(frame["arrow_force"], (-1, 3)), np.tile([1.0, 0.0, 0.4], (19, 1)))
+    reading = read_fields(made().pf, estimate_at(40).percept, PolicyTask.from_meta(made().policy.meta))
+    np.testing.assert_allclose(np.reshape(frame["arrow_force"], (-1, 3)), reading.force_W, atol=1e-4)
+    facts = {name: text for name, text, _ in frame["facts"]}
+    assert facts["Command"] == "{:.2f}, {:.2f}, {:.2f} m/s".format(*reading.c_W)
+    assert facts["Nearest"] == f"{reading.distance.min():.2f} m"
     head = g1.SGF_KEYPOINTS.index("head")
     np.testing.assert_allclose(
         frame["arrow_pos"][3 * head : 3 * head + 3], estimate_at(40).percept.p_WK[head], atol=1e-4
@@ -91,16 +93,17 @@ def test_a_frame_says_ages_lateness_and_mode(painter):
     assert (early["time"], early["mode"]) == (0.0, "damping")
     assert facts["State"] == ("4 ms", False) and facts["Runner late"] == ("2.0 ms", False)
     assert facts["Localization"] == ("100 ms, ok", False) and facts["Box"] == ("240 ms, hidden", False)
-    assert "Command" not in facts
     shown = moment_at(99, late_s=0.025)
-    shown["estimate"]["box_age_s"], shown["estimate"]["pose_age_s"] = np.inf, 1.2
-    shown["state_age_s"], shown["estimate"]["disputed"] = 0.06, 1
+    shown["box_age_s"], shown["pose_age_s"] = np.inf, 1.2
+    shown["state_age_s"], shown["disputed"] = 0.06, 1
     late = painter.frame(shown)
     facts = {name: (text, bad) for name, text, bad in late["facts"]}
     assert late["time"] == pytest.approx(1.74) and late["mode"] == "damping"
     assert facts["Box"] == ("never, hidden", True) and facts["Localization"] == ("1.2 s, disputed", True)
     assert facts["State"] == ("60 ms", True) and facts["Runner late"] == ("25.0 ms", True)
-    assert facts["Command"] == ("0.40, 0.00, 0.00 m/s", False) and facts["To the goal"] == ("1.51 m", False)
+    goal = made().pf.scene.goal
+    assert facts["To the goal"] == (f"{np.hypot(goal[0] - 0.99, goal[1] + 0.2):.2f} m", False)
+    assert facts["Command"] == ("none", False)
     json.dumps(late, allow_nan=False)
 
 
@@ -118,7 +121,7 @@ def test_changes_of_mode_are_events(painter):
 
 def test_what_cannot_be_shown_gives_no_frame(painter):
     shown = moment_at(40)
-    shown["estimate"]["percept"]["p_WO"][1] = np.nan
+    shown["percept"]["p_WO"][1] = np.nan
     assert painter.frame(shown) is None
 
 
@@ -214,9 +217,9 @@ def test_only_the_live_page_may_connect_and_only_to_its_server(painter, tmp_path
 
 
 @pytest.mark.slow
-def test_a_page_of_its_own_process(about):
+def test_a_page_of_its_own_process():
     """Its frames come, a port that is taken is told, and it ends with its runner."""
-    with LiveView(about) as view:
+    with LiveView(made().pf.scene, solved(BOX).carried, made().policy) as view:
         host, port = re.fullmatch(r"http://(127\.0\.0\.1):(\d+)/", view.url).groups()
         connection = http.client.HTTPConnection(host, int(port), timeout=60)
         connection.request("GET", "/")
@@ -228,7 +231,7 @@ def test_a_page_of_its_own_process(about):
         frame = json.loads(line.removeprefix(b"data: "))
         assert frame["root_pos"] == [0.4, -0.2, 0.75] and frame["mode"] == "carry"
         with pytest.raises(HoticeError, match="cannot be used for the live page"):
-            LiveView(about, port=int(port))
+            LiveView(made().pf.scene, solved(BOX).carried, made().policy, port=int(port))
     assert view._process.returncode == 0
     assert b"event: over\n" in list(iter(stream.readline, b""))
     assert not view.show(moment_at(60))

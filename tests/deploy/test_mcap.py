@@ -10,7 +10,8 @@ import pytest
 from hotice.deploy.seeing import read_run, write_mcap
 from hotice.errors import InvalidConfig, MissingExtra
 from hotice.model import g1
-from tests.deploy.seeing_fixture import BLIND, START_S, TICKS, robot_at, write_run
+from hotice.policy import PolicyTask, read_fields
+from tests.deploy.seeing_fixture import BLIND, TICKS, estimate_at, made, robot_at, write_run
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +31,8 @@ def back(run, tmp_path_factory):
 
 def test_every_message_comes_back_in_time(back):
     assert Counter(channel.topic for _, channel, _, _ in back) == {
-        "/estimate": TICKS - BLIND,
-        "/guidance": TICKS - 30,
+        "/estimate": TICKS - BLIND - 1,
+        "/guidance": TICKS - BLIND - 1,
         "/targets": TICKS,
         "/mode": 4,
         "/fault": 1,
@@ -46,19 +47,22 @@ def test_messages_say_what_was(back):
     estimates = [(t, said) for _, channel, t, said in back if channel.topic == "/estimate"]
     t, said = estimates[7]
     robot = robot_at(BLIND + 7)
-    assert t == round(1e9 * (START_S + 0.02 * (BLIND + 7)))
+    assert t == 1_000_340_000_000
     np.testing.assert_allclose(said["p_WP"], robot.p_WP, atol=1e-9)
     np.testing.assert_allclose(np.abs(np.dot(said["quat_WP"], robot.quat_WP)), 1.0, atol=1e-9)
     np.testing.assert_allclose(said["joint_pos"], robot.joint_pos, atol=1e-6)
     np.testing.assert_allclose(said["p_WO"], robot.p_WO, atol=1e-9)
-    assert (said["mode"], said["box_verdict"], said["pose_age_s"]) == ("damping", "hidden", 0.1)
+    assert (said["mode"], said["cause"], said["pose_age_s"]) == ("damping", "operator", 0.1)
     targets = [said for _, channel, _, said in back if channel.topic == "/targets"]
     assert targets[3]["number"] == 4 and targets[3]["q"] == [0.003] * 29 and targets[3]["warm"] is True
     assert targets[3]["box_age_s"] is None
     (fault,) = [said for _, channel, _, said in back if channel.topic == "/fault"]
     assert fault == {"mode": "carry", "cause": "box unseen", "text": "hold: the box was not seen for 2.1 s"}
-    guided = [said for _, channel, _, said in back if channel.topic == "/guidance"]
-    assert guided[0]["c_W"] == [0.4, 0.0, 0.0] and guided[0]["goal_distance_m"] == 2.2
+    guided = [said for _, channel, _, said in back if channel.topic == "/guidance"][7]
+    reading = read_fields(made().pf, estimate_at(BLIND + 7).percept, PolicyTask.from_meta(made().policy.meta))
+    assert guided["c_W"] == reading.c_W.tolist() and guided["nearest_m"] == reading.distance.min()
+    goal = made().pf.scene.goal
+    assert guided["goal_distance_m"] == pytest.approx(np.hypot(goal[0] - 0.17, goal[1] + 0.2))
 
 
 def test_messages_fit_their_schemas(back):

@@ -18,6 +18,7 @@ from hotice.deploy.programs.saying import Saying, ended
 from hotice.deploy.recording.replay import NAME, digests
 from hotice.deploy.recording.runner_log import RunnerLog, kinds, width
 from hotice.deploy.runner.runner import RobotRunner
+from hotice.deploy.seeing.live_view import LiveView
 from hotice.deploy.slot.slot import RunnerSlot
 from hotice.deploy.sources.records import PoseSample, TagSample
 from hotice.deploy.sources.udp import UdpSource
@@ -55,6 +56,12 @@ def main(options: RunnerOptions) -> None:
             logged,
         )
         runner.warm()
+        after = [logged.after]
+        if options.view_port is not None:
+            say(stage="live page")
+            view = stack.enter_context(LiveView(made.pf.scene, made.carry.carried, made.policy, port=options.view_port))
+            after.append(view.after)
+            say(text=f"live page: {view.url}")
         gc.collect()
         gc.freeze()
         say(warm=True)
@@ -62,7 +69,8 @@ def main(options: RunnerOptions) -> None:
 
         def tick() -> None:
             runner.tick()
-            logged.after(runner)
+            for see in after:
+                see(runner)
             if lateness.ticks % TOLD_TICKS == 0:
                 say(**report(lateness, log), **_known(runner))
 

@@ -13,33 +13,49 @@ import numpy as np
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.limits import GuardLimits
 from hotice.deploy.guard.modes import Mode
-from hotice.deploy.seeing.moments import arrows_of, complete, is_ogf, state_of, verdicts_of
-from hotice.deploy.seeing.recorded import named
+from hotice.deploy.seeing.moments import arrows_of, complete, is_ogf, named, percept_of, state_of, verdicts_of
+from hotice.fields.hod_pf import build_hod_pf
 from hotice.model.frames import quat_from_yaw
+from hotice.model.geometry.shapes import MeshShape
 from hotice.model.objects import CarriedObject, object_from_dict
 from hotice.model.scene import GOAL_HEIGHT_M, Scene
+from hotice.policy import PolicySession, PolicyTask, read_fields
+from hotice.policy.guidance import FieldReading
 from hotice.policy.percept import PerceptModel
 from hotice.replay.rollout import RolloutRecord
 from hotice.replay.shown import ShownSolids
-from hotice.task.policy_task import PolicyTask
 
 SHOWN_EVENTS = 20
 LATE_S = 0.010
 """A tick of the runner that began later than this is marked [s] (ours)."""
 
 
+def about_run(scene: Scene, carried: CarriedObject, policy: PolicySession) -> dict[str, Any]:
+    """What a page shows beside moments, as JSON values."""
+    folders = [str(o.shape.folder) for o in scene.obstacles if isinstance(o.shape, MeshShape)]
+    return {
+        "scene": scene.to_dict(),
+        "meshes": folders[0] if folders else None,
+        "carried": carried.to_dict(),
+        "policy": policy.name,
+        "task": policy.meta,
+    }
+
+
 class Painter:
     """Moments of one run as frames of a page.
 
     Args:
-        about: what the header of a runner's log says (`hotice.deploy.log.kinds.about_run`)
+        about: what is shown, see `about_run`
         limits: beyond which a number is marked
     """
 
     def __init__(self, about: Mapping[str, Any], limits: GuardLimits | None = None) -> None:
-        self.scene, self.policy = Scene.from_dict(about["scene"]), str(about["policy"])
+        self.scene, self.policy = Scene.from_dict(about["scene"], folder=about["meshes"]), str(about["policy"])
         self.carried: CarriedObject = object_from_dict(about["carried"])
-        self._ogf = is_ogf(PolicyTask.from_meta(about["task"], self.policy).object_field)
+        self._task = PolicyTask.from_meta(about["task"], self.policy)
+        self._ogf = is_ogf(self._task.object_field)
+        self._pf = build_hod_pf(self.scene, self._task.resolution_m, self._task.margin_m)
         self._solids = ShownSolids(PerceptModel(self.carried).model)
         self._limits = limits or GuardLimits()
         self._events: list[dict[str, Any]] = []
@@ -81,11 +97,13 @@ class Painter:
             event = {"time": since_s, "kind": "mode", "text": f"{mode}: {cause}"}
             self._events = [*self._events, event][-SHOWN_EVENTS:]
         placed = self._solids.place(state_of(shown))
-        points, forces = arrows_of(shown)
+        percept = percept_of(shown)
+        reading = read_fields(self._pf, percept, self._task)
+        points, forces = arrows_of(percept, reading)
         return {
             "time": since_s,
             "mode": mode,
-            "facts": self._facts(shown, cause),
+            "facts": self._facts(shown, reading, cause),
             "events": self._events,
             "geom_pos": _rounded(placed.pos_W),
             "geom_quat": _rounded(placed.quat_W),
@@ -95,29 +113,24 @@ class Painter:
             "arrow_force": _rounded(forces),
         }
 
-    def _facts(self, shown: np.ndarray, cause: str) -> list[tuple[str, str, bool]]:
-        estimate, reading, limits = shown["estimate"], shown["reading"], self._limits
+    def _facts(self, shown: np.ndarray, reading: FieldReading, cause: str) -> list[tuple[str, str, bool]]:
+        limits, walks = self._limits, int(shown["mode"]) == Mode.CARRY
+        command = "{:.2f}, {:.2f}, {:.2f} m/s".format(*reading.c_W.tolist())
         state_s, late_s = float(shown["state_age_s"]), float(shown["late_s"])
-        pose_s, box_s = float(estimate["pose_age_s"]), float(estimate["box_age_s"])
+        pose_s, box_s = float(shown["pose_age_s"]), float(shown["box_age_s"])
         pose, box = verdicts_of(shown)
-        disputed = bool(estimate["disputed"])
-        facts = [
+        disputed = bool(shown["disputed"])
+        localization = f"{_age(pose_s)}, {'disputed' if disputed else pose}"
+        return [
             ("Because of", cause, False),
             ("State", _age(state_s), not state_s <= limits.state_warn_s),
-            (
-                "Localization",
-                f"{_age(pose_s)}, {'disputed' if disputed else pose}",
-                disputed or not pose_s <= limits.pose_s,
-            ),
+            ("Localization", localization, disputed or not pose_s <= limits.pose_s),
             ("Box", f"{_age(box_s)}, {box}", not box_s <= limits.box_s),
             ("Runner late", f"{1e3 * late_s:.1f} ms", late_s > LATE_S),
+            ("To the goal", f"{float(reading.goal_distance[0]):.2f} m", False),
+            ("Command", command if walks else "none", False),
+            ("Nearest", f"{float(reading.distance.min()):.2f} m", False),
         ]
-        if shown["guided"]:
-            c_x, c_y, turn = reading["c_W"].tolist()
-            facts.append(("To the goal", f"{float(reading['goal_distance'][0]):.2f} m", False))
-            facts.append(("Command", f"{c_x:.2f}, {c_y:.2f}, {turn:.2f} m/s", False))
-            facts.append(("Nearest", f"{float(reading['distance'].min()):.2f} m", False))
-        return facts
 
 
 class Newest:

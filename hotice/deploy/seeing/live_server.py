@@ -138,7 +138,7 @@ def main(argv: list[str]) -> int:
 
 
 def _mapping(said: Any) -> dict[str, Any]:
-    wanted = ("scene", "carried", "policy", "task")
+    wanted = ("scene", "meshes", "carried", "policy", "task")
     if not isinstance(said, dict) or any(name not in said for name in wanted):
         raise HoticeError(f"what the run is about has to say {', '.join(wanted)}")
     return said

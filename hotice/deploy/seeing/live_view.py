@@ -8,15 +8,18 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from hotice import checks
 from hotice.checks import Range
-from hotice.deploy.seeing.moments import MOMENT
+from hotice.deploy.runner.runner import RobotRunner
+from hotice.deploy.seeing.live_frames import about_run
+from hotice.deploy.seeing.moments import MOMENT, moment
 from hotice.errors import HoticeError
+from hotice.model.objects import CarriedObject
+from hotice.model.scene import Scene
+from hotice.policy import PolicySession
 
 PERIOD_S = 0.05
 """Least time between two frames [s]."""
@@ -31,15 +34,19 @@ class MomentSender:
 
     def __init__(self, to: socket.socket) -> None:
         self.dropped = 0
-        self._sent_s, self._gone = -np.inf, False
+        self._sent_s, self._ticked_s, self._gone = -np.inf, -np.inf, False
         self._socket = to
         to.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING * MOMENT.itemsize)
         to.setblocking(False)
 
+    def due(self, time_s: float) -> bool:
+        """Whether a moment of this time would be sent [s]."""
+        return not self._gone and not 0.0 <= time_s - self._sent_s < PERIOD_S - 1e-9
+
     def show(self, shown: np.ndarray) -> bool:
         """Hands a moment () of `hotice.deploy.seeing.moment` over; False: too early, dropped, or nobody is there."""
         time_s = float(shown["time_s"])
-        if self._gone or 0.0 <= time_s - self._sent_s < PERIOD_S - 1e-9:
+        if not self.due(time_s):
             return False
         try:
             self._socket.send(shown.tobytes())
@@ -51,6 +58,14 @@ class MomentSender:
             return False
         self._sent_s = time_s
         return True
+
+    def after(self, runner: RobotRunner) -> None:
+        """Shows what a runner's tick made, if it is time; call it after each."""
+        late_s, self._ticked_s = runner.began_s - self._ticked_s - runner.period_s, runner.began_s
+        if runner.status is None or runner.estimate is None or not self.due(runner.began_s):
+            return
+        late_s = max(0.0, late_s) if np.isfinite(late_s) else 0.0
+        self.show(moment(runner.status, runner.estimate, time_s=runner.began_s, late_s=late_s))
 
     def close(self) -> None:
         """Nothing is sent any more."""
@@ -65,7 +80,7 @@ class LiveView:
     nothing happens.
 
     Args:
-        about: what the header of a runner's log says (`hotice.deploy.log.kinds.about_run`)
+        scene, carried, policy: what is shown
         host: address to listen at: 127.0.0.1 is this machine alone; any other shows the robot to the network
         port: 0 takes any free one
 
@@ -73,7 +88,9 @@ class LiveView:
         HoticeError: the page cannot be served; says why.
     """
 
-    def __init__(self, about: Mapping[str, Any], *, host: str = LOOPBACK, port: int = 0) -> None:
+    def __init__(
+        self, scene: Scene, carried: CarriedObject, policy: PolicySession, *, host: str = LOOPBACK, port: int = 0
+    ) -> None:
         checks.whole("port", port, Range(least=0, most=65535))
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._sender = MomentSender(ours)
@@ -86,7 +103,7 @@ class LiveView:
                 start_new_session=True,
             )
         try:
-            self.url = self._started(json.dumps(about).encode())
+            self.url = self._started(json.dumps(about_run(scene, carried, policy)).encode())
         except BaseException:
             self.close()
             raise
@@ -116,6 +133,10 @@ class LiveView:
     def show(self, shown: np.ndarray) -> bool:
         """Shows a moment () of `hotice.deploy.seeing.moment`, without waiting; False: it will not be seen."""
         return self._sender.show(shown)
+
+    def after(self, runner: RobotRunner) -> None:
+        """Shows what a runner's tick made, if it is time; call it after each."""
+        self._sender.after(runner)
 
     def close(self) -> None:
         """Ends the page and its process; a second time does nothing."""

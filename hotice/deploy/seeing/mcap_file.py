@@ -12,13 +12,14 @@ import numpy as np
 
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.modes import Mode
-from hotice.deploy.seeing.moments import quat_of_pelvis, verdicts_of
-from hotice.deploy.seeing.recorded import RecordedRun, named
+from hotice.deploy.seeing.moments import named, quat_of_pelvis
+from hotice.deploy.seeing.recorded import RecordedRun
 from hotice.deploy.seeing.rollout import shown_events
 from hotice.errors import InvalidConfig, MissingExtra
 from hotice.files import written_aside
 from hotice.model import g1
 from hotice.model.frames import mat_to_quat
+from hotice.policy.guidance import FieldReading
 
 NUMBER = {"type": ["number", "null"]}
 """None for what is not finite: an age of something never seen."""
@@ -39,8 +40,6 @@ CHANNELS: dict[str, dict[str, dict[str, Any]]] = {
         "quat_WO": numbers(4),
         "pose_age_s": NUMBER,
         "box_age_s": NUMBER,
-        "pose_verdict": TEXT,
-        "box_verdict": TEXT,
         "disputed": FLAG,
         "state_age_s": NUMBER,
         "late_s": NUMBER,
@@ -66,7 +65,8 @@ CHANNELS: dict[str, dict[str, dict[str, Any]]] = {
     "fault": {"mode": TEXT, "cause": TEXT, "text": TEXT},
 }
 """Properties of each channel's messages: units m, rad, s, N m; frames W world, P pelvis, O object; quaternions wxyz;
-joints in the order of `g1.ALL_JOINTS`, which the channel's metadata names."""
+joints in the order of `g1.ALL_JOINTS`, which the channel's metadata names. Guidance is what the fields say where the
+robot is; in modes other than carry the policy is made to stand."""
 
 
 class Message(NamedTuple):
@@ -111,11 +111,10 @@ def write_mcap(run: RecordedRun, path: str | Path) -> Path:
 
 def messages(run: RecordedRun) -> Iterator[Message]:
     """All messages of a run, channel by channel."""
-    for shown in run.moments:
+    for shown, reading in zip(run.moments, run.readings, strict=True):
         time_s = float(shown["time_s"])
         yield Message("estimate", time_s, _estimate(shown))
-        if shown["guided"]:
-            yield Message("guidance", time_s, _guidance(shown["reading"]))
+        yield Message("guidance", time_s, _guidance(reading))
     for time_s, targets in zip(run.targets.time_s, run.targets.records, strict=True):
         said = {name: targets[name] for name in ("number", "q", "tau", "pose_age_s", "box_age_s")}
         yield Message("targets", float(time_s), said | {name: bool(targets[name]) for name in ("warm", "done")})
@@ -125,19 +124,16 @@ def messages(run: RecordedRun) -> Iterator[Message]:
 
 
 def _estimate(shown: np.ndarray) -> dict[str, Any]:
-    estimate = shown["estimate"]
-    percept, (pose, box) = estimate["percept"], verdicts_of(shown)
+    percept = shown["percept"]
     return {
         "p_WP": percept["p_WP"],
         "quat_WP": quat_of_pelvis(shown),
         "joint_pos": shown["joint_pos"],
         "p_WO": percept["p_WO"],
         "quat_WO": mat_to_quat(percept["R_WO"]),
-        "pose_age_s": estimate["pose_age_s"],
-        "box_age_s": estimate["box_age_s"],
-        "pose_verdict": pose,
-        "box_verdict": box,
-        "disputed": bool(estimate["disputed"]),
+        "pose_age_s": shown["pose_age_s"],
+        "box_age_s": shown["box_age_s"],
+        "disputed": bool(shown["disputed"]),
         "state_age_s": shown["state_age_s"],
         "late_s": shown["late_s"],
         "mode": named(Mode, int(shown["mode"])),
@@ -145,12 +141,12 @@ def _estimate(shown: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _guidance(reading: np.ndarray) -> dict[str, Any]:
+def _guidance(reading: FieldReading) -> dict[str, Any]:
     return {
-        "c_W": reading["c_W"],
-        "speed_m_s": reading["speed"][0],
-        "goal_distance_m": reading["goal_distance"][0],
-        "nearest_m": reading["distance"].min(),
+        "c_W": reading.c_W,
+        "speed_m_s": reading.speed[0],
+        "goal_distance_m": reading.goal_distance[0],
+        "nearest_m": reading.distance.min(),
     }
 
 

@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from hotice.deploy.guard.faults import Cause
-from hotice.deploy.log.kinds import LoggedEvent, spoken
-from hotice.deploy.seeing.moments import arrows_of, is_ogf, state_of
-from hotice.deploy.seeing.recorded import RecordedRun
+from hotice.deploy.seeing.moments import arrows_of, is_ogf, percept_of, spoken, state_of
+from hotice.deploy.seeing.recorded import LoggedEvent, RecordedRun
 from hotice.policy.percept import PerceptModel
 from hotice.replay.events import MOST_TEXT, RolloutEvent
 from hotice.replay.rollout import RolloutRecord
 
-CALM = {spoken(cause) for cause in (Cause.NONE, Cause.OPERATOR, Cause.DONE)}
+CALM = {spoken(cause.name) for cause in (Cause.NONE, Cause.OPERATOR, Cause.DONE)}
 """Causes that are no faults."""
-ENDINGS = {spoken(Cause.DONE): "success", spoken(Cause.LEAN): "fall"}
+ENDINGS = {spoken(Cause.DONE.name): "success", spoken(Cause.LEAN.name): "fall"}
 """Outcome of a run by the first of these causes; without any it is "running"."""
 
 
@@ -25,7 +24,10 @@ def rollout_record(run: RecordedRun) -> RolloutRecord:
     lean too far before that is a fall. Changes of mode and faults are its events.
     """
     moments = run.moments
-    points, forces = zip(*(arrows_of(each) for each in moments), strict=True)
+    points, forces = zip(
+        *(arrows_of(percept_of(each), reading) for each, reading in zip(moments, run.readings, strict=True)),
+        strict=True,
+    )
     return RolloutRecord.from_states(
         PerceptModel(run.carried).model,
         np.array([state_of(each) for each in moments]),
