@@ -19,7 +19,6 @@ from hotice.commands.configs import (
     TrainConfig,
 )
 from hotice.commands.deploy.config import DeployConfig
-from hotice.commands.deploy.replay import RobotReplayConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.commands.tags_config import TagCameraConfig, TagsConfig
 from hotice.failures import STOPPED
@@ -128,14 +127,6 @@ def robot_sim(config: Flat[RobotSimConfig]) -> int:
     return 0
 
 
-def robot_replay(config: Flat[RobotReplayConfig]) -> int:
-    """Make a replay page, or an MCAP file, of a robot's log."""
-    from hotice.commands.deploy.replay import robot_replay as run
-
-    run(config)
-    return 0
-
-
 def tags(config: Flat[TagsConfig]) -> int:
     """Make the sheets of tags that a robot's camera knows a box by, to be printed."""
     from hotice.deploy.tags.sheet import write_sheets
@@ -156,7 +147,7 @@ def tag_camera(config: Flat[TagCameraConfig]) -> int:
 
 
 def deploy(config: Flat[DeployConfig]) -> int:
-    """Have a robot, simulated or real, carry its object to a scene's goal."""
+    """Have a robot, simulated or real, carry its object to a scene's goal; `hotice deploy replay LOG`: do it again."""
     from hotice.commands.deploy.run import deploy as run
 
     run(config)
@@ -193,7 +184,6 @@ COMMANDS = {
     "tables": tables,
     "benchmark": benchmark,
     "robot-sim": robot_sim,
-    "robot-replay": robot_replay,
     "tags": tags,
     "tag-camera": tag_camera,
     "deploy": deploy,

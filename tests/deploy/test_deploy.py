@@ -22,6 +22,7 @@ from hotice.deploy.guard.modes import Mode
 from hotice.deploy.programs.options import GuardOptions, RunnerOptions
 from hotice.deploy.programs.prepare import prepare
 from hotice.deploy.programs.saying import Saying
+from hotice.deploy.recording import replay_log
 from hotice.deploy.slot import GuardSlot, SlotError, SlotWatch
 from hotice.deploy.slot.records import STATUS, TARGETS
 from hotice.errors import CheckpointError, InvalidConfig
@@ -223,10 +224,10 @@ def shared():
 
 
 @pytest.mark.slow
-def test_from_the_gantry_to_the_goal_over_loopback(programs):
+def test_from_the_gantry_to_the_goal_over_loopback(programs, tmp_path):
     """Guard, runner and robot in three processes: hung up, handed the box, lowered, carries, holds, lowers, brakes."""
     network = shared()
-    deploy = programs("deploy", *network)
+    deploy = programs("deploy", "--log", tmp_path / "log", *network)
     deploy.hear("runner: warm")
     press = "start@2s L2+up@4s F1@8.5s F1@12s F2@14s R1+X@17s R1+down@32s select@34s".split()
     robot = programs("robot-sim", "--start", "held", "--duration-s", 36, *network, "--press", *press)
@@ -235,6 +236,8 @@ def test_from_the_gantry_to_the_goal_over_loopback(programs):
     assert deploy.end() == 0, deploy.text
     modes = [line.split(":")[0] for line in deploy.lines if re.search(r"(asked|stopped) by the operator|reached", line)]
     assert modes == ["damping", "posture", "ready", "carry", "hold", "lower", "damping"], deploy.text
+    found = replay_log(tmp_path / "log")
+    assert found.ticks == found.ticks_equal > 1000 and found.actions == found.actions_equal > 100
     assert "refused: none" in robot.text and "given to the robot" in robot.text
     assert "no obstacle" in robot.text
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hotice.caches import VARIABLE
+from hotice.commands.program import main
 from hotice.deploy.clock import SimulatedClock
 from hotice.deploy.command import LIMITS
 from hotice.deploy.guard import Cause, Event, Mode
@@ -94,9 +95,12 @@ def needed():
     pytest.importorskip("cv2", reason="tags need the extra `deploy`")
 
 
-def test_the_same_bits_again(needed, tmp_path):
+def test_the_same_bits_again(needed, tmp_path, capsys):
     recorded = Recorded(tmp_path)
     found = replay_log(tmp_path)
+    assert main(["deploy", "replay", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert f"{TICKS - 11} of {TICKS - 11} actions" in said and f"{TICKS - 1} of {TICKS - 1} targets" in said
     # the first tick found no status
     assert found.ticks == found.ticks_equal == len(recorded.targets) == TICKS - 1
     assert found.actions == found.actions_equal == TICKS - 11 and found.first_difference_s is None
@@ -106,7 +110,7 @@ def test_the_same_bits_again(needed, tmp_path):
     assert len(estimates) == TICKS - 1 and (estimates["box_age_s"] < 0.2).all()
 
 
-def test_what_was_changed_comes_out_otherwise(needed, tmp_path):
+def test_what_was_changed_comes_out_otherwise(needed, tmp_path, capsys):
     poses = []
 
     def alter(kind, entry):
@@ -122,6 +126,8 @@ def test_what_was_changed_comes_out_otherwise(needed, tmp_path):
     found = replay_log(tmp_path)
     assert found.ticks_equal < found.ticks and 0.3 <= found.first_difference_s <= 0.5
     assert found.actions == found.actions_equal
+    assert main(["deploy", "replay", str(tmp_path)]) == 2
+    assert "comes out otherwise, first at" in capsys.readouterr().err
 
 
 def test_a_ring_gives_its_actions_again(needed, tmp_path):

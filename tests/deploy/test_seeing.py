@@ -105,16 +105,14 @@ def test_the_page_has_frames_and_events(record, tmp_path):
 
 def test_the_command_writes_both_files(folder, tmp_path, capsys):
     page, bag = tmp_path / "page.html", tmp_path / "run.mcap"
-    assert main(["robot-replay", str(folder), "--html", str(page)]) == 0
+    assert main(["deploy", "replay", str(folder), "--html", str(page)]) == 0
     said = capsys.readouterr().out
     assert f"gap, student: {FRAMES} moments in 1.78 s, 6 events" in said and str(page) in said
     assert "leans by 1.1 rad" in page.read_text(encoding="utf-8")
-    assert main(["robot-replay", str(folder)]) == 2
-    assert "give --html page.html, --mcap run.mcap or both" in capsys.readouterr().err
-    assert main(["robot-replay", str(tmp_path / "none"), "--html", str(page)]) == 2
+    assert main(["deploy", "replay", str(tmp_path / "none"), "--html", str(page)]) == 2
     assert "no such folder" in capsys.readouterr().err
     pytest.importorskip("mcap")
-    assert main(["robot-replay", str(folder), "--mcap", str(bag)]) == 0
+    assert main(["deploy", "replay", str(folder), "--mcap", str(bag)]) == 0
     assert bag.read_bytes().startswith(b"\x89MCAP0")
 
 

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from hotice.deploy.command import LIMITS
+from hotice.deploy.estimate import SeenPose, TrackingEstimator
 from hotice.deploy.guard.modes import Mode
 from hotice.deploy.log.writer import LogWriter
 from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.recording import RunnerLog
 from hotice.deploy.recording.replay import digests
 from hotice.deploy.recording.runner_log import kinds, width
-from hotice.deploy.runner import DirectEstimator, RobotRunner, SeenPose
+from hotice.deploy.runner import RobotRunner
 from hotice.deploy.seeing import read_run, rollout_record
 from hotice.deploy.seeing.live_frames import Painter, about_run
 from hotice.deploy.seeing.live_view import MomentSender
@@ -44,7 +45,7 @@ class Watched:
                 made().policy,
                 made().pf,
                 made().carry,
-                DirectEstimator(made().carry.carried, self._pelvis, self._box),
+                TrackingEstimator(made().carry.carried, self._pelvis, self._box),
                 logged.status_of(lambda: status if status["sequence"] else None),
                 logged.put_of(lambda t: targets.append(t.copy())),
                 logged,
@@ -69,11 +70,11 @@ class Watched:
         ours.close()
         theirs.close()
 
-    def _pelvis(self):
+    def _pelvis(self, *_):
         pelvis = self.lab.world.data.body(g1.ROOT_BODY)
         return SeenPose(pelvis.xpos.copy(), pelvis.xquat.copy(), self.lab.clock.now())
 
-    def _box(self):
+    def _box(self, *_):
         pelvis, box = (self.lab.world.data.body(name) for name in (g1.ROOT_BODY, builder.OBJECT_BODY))
         back = quat_conj(pelvis.xquat)
         return SeenPose(quat_rotate(back, box.xpos - pelvis.xpos), quat_mul(back, box.xquat), self.lab.clock.now())

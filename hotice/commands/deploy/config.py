@@ -46,7 +46,7 @@ class DeployConfig:
     dry_run: bool = False
     """Do all but send commands."""
     log: Path | None = None
-    """Folder for the log of everything, about 100 MB a minute; without it a ring of the last minute lies in the user's
+    """Folder for the log of everything, about 80 MB a minute; without it a ring of the last minute lies in the user's
     own cache."""
     view: bool = False
     """Show the robot live on a page in the browser, for this machine alone; its address is told."""

@@ -1,51 +1,70 @@
-"""`hotice robot-replay`: the log of a robot as a replay page and as an MCAP file."""
+"""`hotice deploy replay LOG`: makes the targets and actions of a runner's log again, and compares them bit for bit.
+
+With `--html` or `--mcap` it writes these files of the log, and compares nothing.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import tyro
 
 from hotice.console import PlainConsole
-from hotice.errors import InvalidConfig
+from hotice.errors import HoticeError
 from hotice.files import check_writable
 
 
+class ReplayDiffers(HoticeError):
+    """A log whose targets or actions do not come out again."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class RobotReplayConfig:
-    """The log of one run, and what is made of it. Raises `InvalidConfig`."""
+class ReplayConfig:
+    """One replay."""
 
-    log: Annotated[Path, tyro.conf.Positional]
-    """Folder of the log."""
+    log: tyro.conf.Positional[Path]
+    """Folder of a log of `hotice deploy`."""
     html: Path | None = None
-    """Replay page: one .html file that needs nothing else."""
+    """Write a replay page: one .html file that needs nothing else."""
     mcap: Path | None = None
-    """MCAP file, for Foxglove and the like: estimate, guidance, targets, modes, faults (extra `mcap`)."""
-
-    def __post_init__(self) -> None:
-        if self.html is None and self.mcap is None:
-            raise InvalidConfig("nothing to write: give --html page.html, --mcap run.mcap or both")
+    """Write an .mcap file for Foxglove and the like: estimate, guidance, targets, modes, faults (extra `mcap`)."""
 
 
-def robot_replay(config: RobotReplayConfig) -> None:
-    """Writes what is asked for and says where. Raises `HoticeError`."""
+def main(argv: list[str]) -> int:
+    """Runs the command. Raises `HoticeError`, `ReplayDiffers` too."""
+    config = tyro.cli(ReplayConfig, args=argv, prog="hotice deploy replay", description=__doc__)
+    console = PlainConsole()
+    if config.html is not None or config.mcap is not None:
+        _write(config, console)
+        return 0
+    from hotice.deploy.recording import replay_log
+
+    found = replay_log(config.log, lambda text: console.print(text, soft_wrap=True))
+    whole = f"{found.ticks_equal} of {found.ticks} targets from the messages"
+    if not found.ticks:
+        whole = "targets not tried: the log's beginning is gone, and with it what was tracked"
+    console.print(
+        f"{found.actions_equal} of {found.actions} actions from what the policy read; {whole}", soft_wrap=True
+    )
+    if found.actions_equal < found.actions or found.ticks_equal < found.ticks:
+        when = "" if found.first_difference_s is None else f", first at {found.first_difference_s:.3f} s"
+        raise ReplayDiffers(f"the log comes out otherwise{when}: another machine or library, or a damaged log")
+    return 0
+
+
+def _write(config: ReplayConfig, console: PlainConsole) -> None:
     from hotice.deploy.seeing import read_run, rollout_record, write_mcap
     from hotice.replay import write_html
 
     for path in (config.html, config.mcap):
         if path is not None:
             check_writable(path)
-    run = read_run(config.log)
-    console = PlainConsole()
+    run = read_run(config.log, lambda text: console.print(text, soft_wrap=True))
     began_s, ended_s = run.moments["time_s"][[0, -1]]
-    console.print(
-        f"{run.scene.name}, {run.policy}: {len(run.moments)} moments in {ended_s - began_s:.2f} s, "
-        f"{len(run.events)} events",
-        soft_wrap=True,
-    )
-    if config.html is not None:
-        console.print(str(write_html([rollout_record(run)], config.html)), soft_wrap=True)
+    what = f"{len(run.moments)} moments in {ended_s - began_s:.2f} s, {len(run.events)} events"
+    console.print(f"{run.scene.name}, {run.policy}: {what}", soft_wrap=True)
     if config.mcap is not None:
         console.print(str(write_mcap(run, config.mcap)), soft_wrap=True)
+    if config.html is not None:
+        console.print(str(write_html([rollout_record(run)], config.html)), soft_wrap=True)

@@ -31,7 +31,7 @@ class DeployFailed(HoticeError):
 
 
 def deploy(config: DeployConfig) -> None:
-    """Until Ctrl-C. Raises `HoticeError`."""
+    """Until Ctrl-C. Raises `HoticeError`; `KeyboardInterrupt` where that came before there was a guard."""
     scene = fitting_scene(config)
     interface, domain = config.network
     console = PlainConsole()
@@ -56,7 +56,7 @@ def deploy(config: DeployConfig) -> None:
         stack.callback(_end_guard, guard, view)
         _await_guard(guard, view, signals)
         if signals:
-            return
+            raise KeyboardInterrupt
         view.tell(f"guard: process {guard.pid}; it brakes until it is ended, also without this program")
         runner = Child("runner", _runner_options(config, folder, keep_s).text())
         stack.callback(runner.end, RUNNER_ENDS_S, kill=True)

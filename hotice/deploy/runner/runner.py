@@ -54,6 +54,7 @@ class RobotRunner:
         self._targets = np.zeros((), TARGETS)
         self._targets["q"] = self.all_joints(self.policy.rest)
         self._place_W: Array | None = None
+        self._goal_W = np.array([*pf.scene.goal_W[:2], GOAL_HEIGHT_M])
         self.estimate: Estimate | None = None
         """The newest."""
         self.status: np.ndarray | None = None
@@ -128,11 +129,14 @@ class RobotRunner:
             # who stands has been seen by the operator, whose key goes on
             self._estimator.settle()
         reading = read_fields(self._pf, estimate.percept, self.policy.task)
-        self._targets["done"] = mode is Mode.CARRY and arrived(float(reading.goal_distance[0]))
         if mode is Mode.CARRY:
-            self._place_W = None
+            there = arrived(float(reading.goal_distance[0]))
+            self._targets["done"] = there
+            # who stops there stands at the goal, not where it was when it was near enough
+            self._place_W = self._goal_W if there else None
         else:
             # picking up and putting down are not there yet: the robot stands
+            self._targets["done"] = 0
             reading = self._standing(reading, estimate.percept)
         return self.policy.act(estimate.percept, reading)
 
