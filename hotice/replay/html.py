@@ -49,7 +49,8 @@ def live_page(record: RolloutRecord, events: str) -> str:
     Args:
         record: the first of its frames is the first shown, robot and object hidden until a frame comes.
         events: path of the server-sent events; each is JSON with time [s], mode, facts (name, text, whether it is
-            marked), events, and geom_pos, geom_quat, arrow_pos, arrow_force, root_pos, object_pos as flat lists.
+            marked), events, and geom_pos, geom_quat, arrow_pos, arrow_force, root_pos, object_pos as flat lists, which
+            are left out where robot and object are not known.
     """
     return _page([_pack(record)], live=events)
 

@@ -438,11 +438,14 @@
     const source = new EventSource(page.live);
     source.addEventListener("message", (message) => {
       const now = JSON.parse(message.data);
-      for (const key of ["geom_pos", "geom_quat", "arrow_pos", "arrow_force", "root_pos", "object_pos"])
-        record[key].set(now[key]);
-      for (const mesh of show.geoms) mesh.visible = true;
-      show.trails[0].add(now.root_pos);
-      show.trails[1].add(now.object_pos);
+      const known = now.geom_pos !== undefined;
+      for (const mesh of show.geoms) mesh.visible = known;
+      if (known) {
+        for (const key of ["geom_pos", "geom_quat", "arrow_pos", "arrow_force", "root_pos", "object_pos"])
+          record[key].set(now[key]);
+        show.trails[0].add(now.root_pos);
+        show.trails[1].add(now.object_pos);
+      } else record.arrow_force.fill(0);
       listFacts([["Policy", record.policy], ["Object", record.carried], ...now.facts]);
       if (JSON.stringify(now.events) !== JSON.stringify(record.events)) {
         record.events = now.events;

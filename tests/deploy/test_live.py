@@ -119,10 +119,16 @@ def test_changes_of_mode_are_events(painter):
     assert [len(frame["events"]) for frame in frames[::25]] == [1, 2, 3, 4]
 
 
-def test_what_cannot_be_shown_gives_no_frame(painter):
-    shown = moment_at(40)
-    shown["percept"]["p_WO"][1] = np.nan
-    assert painter.frame(shown) is None
+def test_a_robot_that_is_not_known_has_no_place(painter):
+    """Neither before it was seen, nor with numbers that are none; mode and ages are shown all the same."""
+    broken = moment_at(40)
+    broken["percept"]["p_WO"][1] = np.nan
+    unseen = moment(status_at(41), None, time_s=START_S + STEP_S * 41)
+    for frame in (painter.frame(broken), painter.frame(unseen)):
+        assert frame.keys() == {"time", "mode", "facts", "events"} and frame["mode"] == "carry"
+        assert [fact for fact in frame["facts"] if fact[2]] == [("Robot and box", "not known yet", True)]
+        assert ("State", "4 ms", False) in frame["facts"]
+        json.dumps(frame, allow_nan=False)
 
 
 def test_a_slow_reader_misses_frames():

@@ -40,11 +40,16 @@ def test_a_robot_that_lives(painter, tmp_path):
     page, told = tmp_path / "live.html", tmp_path / "frames.json"
     page.write_text(live_page(painter.first(), "events"), encoding="utf-8")
     moments = [moment(status_at(i), estimate_at(i), time_s=START_S + STEP_S * i, late_s=0.02) for i in range(0, 91, 3)]
+    unknown = painter.frame(moment(status_at(0), None, time_s=START_S - 0.1))
     frames = [painter.frame(each) for each in moments]
-    told.write_text(json.dumps(frames))
+    told.write_text(json.dumps([unknown]))
+    blind = shown(page, told)[1]
+    assert blind["badge"] == "damping" and blind["marked"] == ["Robot and box"] and blind["trails"] == [0, 0]
+    told.write_text(json.dumps([unknown, *frames]))
     waiting, living, silent, over = shown(page, told)
+    assert len(blind["solids"]) == len(waiting["solids"])
     assert (waiting["badge"], waiting["beside"], waiting["story"]) == ("waiting", "nothing has come yet", False)
-    assert (living["badge"], living["beside"]) == ("damping", "1.80 s")
+    assert (living["badge"], living["beside"]) == ("damping", "1.90 s")
     # the robot is not there before its first frame
     count = len(frames[0]["geom_pos"]) // 3
     assert len(living["solids"]) == len(waiting["solids"]) + count
@@ -54,7 +59,7 @@ def test_a_robot_that_lives(painter, tmp_path):
     assert facts.items() <= living["facts"].items() and living["facts"]["Policy"] == "student"
     assert living["marked"] == ["Runner late"]
     assert living["events"] == [f"{e['time']:.2f} s  {e['text']}" for e in frames[-1]["events"]]
-    assert living["events"][1] == "0.54 s  carry: operator"
+    assert living["events"][1] == "0.64 s  carry: operator"
     # ARROW_M (1 - exp(-|F| / FIELD_SCALE)) along F, from the first keypoint
     force = np.array(frames[-1]["arrow_force"][:3])
     length = 0.3 * (1.0 - np.exp(-np.linalg.norm(force) / 0.6))

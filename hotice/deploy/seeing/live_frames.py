@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,8 @@ from hotice.policy.percept import PerceptModel
 from hotice.replay.rollout import RolloutRecord
 from hotice.replay.shown import ShownSolids
 
+Fact = tuple[str, str, bool]
+"""Name, text, and whether it is marked."""
 SHOWN_EVENTS = 20
 LATE_S = 0.010
 """A tick of the runner that began later than this is marked [s] (ours)."""
@@ -80,14 +82,12 @@ class Painter:
             arrow_is_ogf=self._ogf,
         )
 
-    def frame(self, shown: np.ndarray) -> dict[str, Any] | None:
-        """A frame of a moment (), numbers in m and rounded to 0.1 mm; None for one that cannot be shown.
+    def frame(self, shown: np.ndarray) -> dict[str, Any]:
+        """A frame of a moment (), numbers in m and rounded to 0.1 mm.
 
         `time` counts from the first frame [s]; `facts` are rows of name, text and whether it is marked; `events` are
-        the last changes of the mode.
+        the last changes of the mode. Where the robot is not known there are no poses, paths or arrows.
         """
-        if not complete(shown.reshape(1))[0]:
-            return None
         time_s = float(shown["time_s"])
         self._began_s = time_s if math.isnan(self._began_s) else self._began_s
         since_s = round(time_s - self._began_s, 4)
@@ -96,15 +96,16 @@ class Painter:
             self._before = state
             event = {"time": since_s, "kind": "mode", "text": f"{mode}: {cause}"}
             self._events = [*self._events, event][-SHOWN_EVENTS:]
-        placed = self._solids.place(state_of(shown))
+        facts = [("Because of", cause, False), *self._timely(shown)]
+        frame = {"time": since_s, "mode": mode, "facts": facts, "events": self._events}
+        if not complete(shown.reshape(1))[0]:
+            facts.append(("Robot and box", "not known yet", True))
+            return frame
         percept = percept_of(shown)
         reading = read_fields(self._pf, percept, self._task)
-        points, forces = arrows_of(percept, reading)
-        return {
-            "time": since_s,
-            "mode": mode,
-            "facts": self._facts(shown, reading, cause),
-            "events": self._events,
+        facts += [*self._believed(shown), *_guided(reading, walks=int(shown["mode"]) == Mode.CARRY)]
+        placed, (points, forces) = self._solids.place(state_of(shown)), arrows_of(percept, reading)
+        return frame | {
             "geom_pos": _rounded(placed.pos_W),
             "geom_quat": _rounded(placed.quat_W),
             "root_pos": _rounded(placed.root_pos_W),
@@ -113,24 +114,17 @@ class Painter:
             "arrow_force": _rounded(forces),
         }
 
-    def _facts(self, shown: np.ndarray, reading: FieldReading, cause: str) -> list[tuple[str, str, bool]]:
-        limits, walks = self._limits, int(shown["mode"]) == Mode.CARRY
-        command = "{:.2f}, {:.2f}, {:.2f} m/s".format(*reading.c_W.tolist())
+    def _timely(self, shown: np.ndarray) -> Iterator[Fact]:
         state_s, late_s = float(shown["state_age_s"]), float(shown["late_s"])
-        pose_s, box_s = float(shown["pose_age_s"]), float(shown["box_age_s"])
+        yield "State", _age(state_s), not state_s <= self._limits.state_warn_s
+        yield "Runner late", f"{1e3 * late_s:.1f} ms", late_s > LATE_S
+
+    def _believed(self, shown: np.ndarray) -> Iterator[Fact]:
+        pose_s, box_s, disputed = float(shown["pose_age_s"]), float(shown["box_age_s"]), bool(shown["disputed"])
         pose, box = verdicts_of(shown)
-        disputed = bool(shown["disputed"])
-        localization = f"{_age(pose_s)}, {'disputed' if disputed else pose}"
-        return [
-            ("Because of", cause, False),
-            ("State", _age(state_s), not state_s <= limits.state_warn_s),
-            ("Localization", localization, disputed or not pose_s <= limits.pose_s),
-            ("Box", f"{_age(box_s)}, {box}", not box_s <= limits.box_s),
-            ("Runner late", f"{1e3 * late_s:.1f} ms", late_s > LATE_S),
-            ("To the goal", f"{float(reading.goal_distance[0]):.2f} m", False),
-            ("Command", command if walks else "none", False),
-            ("Nearest", f"{float(reading.distance.min()):.2f} m", False),
-        ]
+        bad = disputed or not pose_s <= self._limits.pose_s
+        yield "Localization", f"{_age(pose_s)}, {'disputed' if disputed else pose}", bad
+        yield "Box", f"{_age(box_s)}, {box}", not box_s <= self._limits.box_s
 
 
 class Newest:
@@ -158,6 +152,13 @@ class Newest:
         with self._changed:
             self._changed.wait_for(lambda: self._number > number or self.over, timeout_s)
             return (self._number, self._text) if self._number > number else (number, None)
+
+
+def _guided(reading: FieldReading, walks: bool) -> Iterator[Fact]:
+    yield "To the goal", f"{float(reading.goal_distance[0]):.2f} m", False
+    command = "{:.2f}, {:.2f}, {:.2f} m/s".format(*reading.c_W.tolist())
+    yield "Command", command if walks else "none", False
+    yield "Nearest", f"{float(reading.distance.min()):.2f} m", False
 
 
 def _age(age_s: float) -> str:

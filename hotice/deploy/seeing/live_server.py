@@ -112,9 +112,7 @@ def receive(source: socket.socket, painter: Painter, newest: Newest) -> None:
                 data = more
         except BlockingIOError:
             pass
-        frame = painter.frame(np.frombuffer(data, MOMENT)[0])
-        if frame is not None:
-            newest.put(frame)
+        newest.put(painter.frame(np.frombuffer(data, MOMENT)[0]))
     newest.end()
 
 

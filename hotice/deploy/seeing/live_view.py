@@ -62,7 +62,7 @@ class MomentSender:
     def after(self, runner: RobotRunner) -> None:
         """Shows what a runner's tick made, if it is time; call it after each."""
         late_s, self._ticked_s = runner.began_s - self._ticked_s - runner.period_s, runner.began_s
-        if runner.status is None or runner.estimate is None or not self.due(runner.began_s):
+        if runner.status is None or not self.due(runner.began_s):
             return
         late_s = max(0.0, late_s) if np.isfinite(late_s) else 0.0
         self.show(moment(runner.status, runner.estimate, time_s=runner.began_s, late_s=late_s))

@@ -25,6 +25,7 @@ MOMENT = np.dtype(
         ("mode", "<u4"),
         ("cause", "<u4"),
         ("state_age_s", "<f8"),
+        ("known", "u1"),
         ("joint_pos", "<f8", len(g1.ALL_JOINTS)),
         ("percept", [(name, "<f8", shape) for name, shape in Percept.SHAPES.items()]),
         ("pose_age_s", "<f8"),
@@ -35,16 +36,16 @@ MOMENT = np.dtype(
     ]
 )
 """When the tick began, and how much later than a period after the one before [s]; mode and cause by number; age of
-the state [s]; measured joints in the order of `g1.ALL_JOINTS` [rad]; what was believed, with its ages [s] and
-verdicts."""
+the state [s]; whether anything is believed yet; measured joints in the order of `g1.ALL_JOINTS` [rad]; what was
+believed, with its ages [s] and verdicts."""
 
 
-def moment(status: np.ndarray, estimate: Estimate, *, time_s: float, late_s: float = 0.0) -> np.ndarray:
+def moment(status: np.ndarray, estimate: Estimate | None, *, time_s: float, late_s: float = 0.0) -> np.ndarray:
     """A moment () of `MOMENT`.
 
     Args:
         status: the guard's, a record () of `STATUS`
-        estimate: of this tick
+        estimate: of this tick, None while nothing is believed
         time_s: when the tick began [s]; late_s: how much later than a period after the one before [s]
     """
     shown = np.zeros((), MOMENT)
@@ -52,6 +53,9 @@ def moment(status: np.ndarray, estimate: Estimate, *, time_s: float, late_s: flo
     shown["mode"], shown["cause"] = status["mode"], status["cause"]
     shown["state_age_s"] = time_s - status["received_s"]
     shown["joint_pos"] = status["state"]["motor_state"]["q"][JOINTS]
+    if estimate is None:
+        return shown
+    shown["known"] = 1
     shown["percept"] = np.frombuffer(estimate.percept.vector.tobytes(), MOMENT["percept"])[0]
     for name in ("pose_age_s", "box_age_s", "disputed", "pose_verdict", "box_verdict"):
         shown[name] = getattr(estimate, name)
@@ -101,11 +105,13 @@ def is_ogf(object_field: str, count: int = 19) -> NDArray[np.bool_]:
 
 
 def complete(moments: np.ndarray) -> NDArray[np.bool_]:
-    """(T,) which moments (T,) hold a robot that can be shown: numbers that are finite."""
+    """(T,) which moments (T,) hold a robot that can be shown: one that is known, by numbers that are finite."""
     percept = moments["percept"]
     parts = (percept["p_WP"], percept["yaw"], percept["gravity_P"], percept["p_WO"], percept["R_WO"], percept["p_WK"])
     parts = (*parts, percept["p_WOK"], moments["joint_pos"])
-    return np.all([np.isfinite(part).all(axis=tuple(range(1, part.ndim))) for part in parts], axis=0)
+    return (moments["known"] == 1) & np.all(
+        [np.isfinite(part).all(axis=tuple(range(1, part.ndim))) for part in parts], axis=0
+    )
 
 
 def named(kind: type[Mode] | type[Cause], number: int) -> str:
