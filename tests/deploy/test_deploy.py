@@ -47,6 +47,7 @@ LONG_S = 120.0
         {"robot": "g1", "interface": "lo", "map": Path("map.pcd")},
         {"domain": 231},
         {"pose_port": 0},
+        {"view_port": 65536},
         {"box": (0.3, 0.3, 0.25, 0.0)},
         {"pose_latency_s": 1.0},
     ],

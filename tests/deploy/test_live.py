@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import os
 import re
 import socket
 import threading
@@ -11,10 +12,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from hotice.deploy.guard.scheduling import give_way, take_precedence
 from hotice.deploy.seeing import LiveView, moment
 from hotice.deploy.seeing.live_frames import Newest, Painter, about_run
 from hotice.deploy.seeing.live_server import MOST_READERS, LiveServer, receive
-from hotice.deploy.seeing.live_view import MomentSender
+from hotice.deploy.seeing.live_view import NICE, MomentSender
 from hotice.deploy.seeing.moments import MOMENT
 from hotice.errors import HoticeError
 from hotice.model import builder, g1, load_scene
@@ -224,8 +226,16 @@ def test_only_the_live_page_may_connect_and_only_to_its_server(painter, tmp_path
 
 @pytest.mark.slow
 def test_a_page_of_its_own_process():
-    """Its frames come, a port that is taken is told, and it ends with its runner."""
-    with LiveView(made().pf.scene, solved(BOX).carried, made().policy) as view:
+    """It has no precedence, its frames come, a port that is taken is told, and it ends with its runner."""
+    first = take_precedence()
+    try:
+        view = LiveView(made().pf.scene, solved(BOX).carried, made().policy)
+    finally:
+        if first:
+            give_way()
+    with view:
+        pid = view._process.pid
+        assert os.sched_getscheduler(pid) == os.SCHED_OTHER and os.getpriority(os.PRIO_PROCESS, pid) == NICE
         host, port = re.fullmatch(r"http://(127\.0\.0\.1):(\d+)/", view.url).groups()
         connection = http.client.HTTPConnection(host, int(port), timeout=60)
         connection.request("GET", "/")

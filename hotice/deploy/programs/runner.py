@@ -44,6 +44,12 @@ def main(options: RunnerOptions) -> None:
         blind = estimator_of(made, poses, tags)
         # all is compiled before this process goes before others, and without the log
         RobotRunner(made.policy, made.pf, made.carry, blind, lambda: None, lambda targets: None, clock).warm()
+        after = []
+        if options.view_port is not None:
+            say(stage="live page")
+            view = stack.enter_context(LiveView(made.pf.scene, made.carry.carried, made.policy, port=options.view_port))
+            after.append(view.after)
+            say(text=f"live page: {view.url}")
         log = stack.enter_context(open_log(options, NAME, kinds(width(made.policy)), RUNNER_PRIORITY, **digests(made)))
         logged = RunnerLog(log, clock)
         runner = RobotRunner(
@@ -56,12 +62,7 @@ def main(options: RunnerOptions) -> None:
             logged,
         )
         runner.warm()
-        after = [logged.after]
-        if options.view_port is not None:
-            say(stage="live page")
-            view = stack.enter_context(LiveView(made.pf.scene, made.carry.carried, made.policy, port=options.view_port))
-            after.append(view.after)
-            say(text=f"live page: {view.url}")
+        after.append(logged.after)
         gc.collect()
         gc.freeze()
         say(warm=True)

@@ -7,7 +7,6 @@ first line of standard output says {"url": …} or {"error": …}.
 from __future__ import annotations
 
 import json
-import os
 import socket
 import sys
 import threading
@@ -24,8 +23,6 @@ from hotice.replay.html import live_page
 
 LOOPBACK = "127.0.0.1"
 EVENTS = "events"
-NICE = 10
-"""Whatever commands the robot goes first."""
 WAIT_S, WRITE_S = 1.0, 5.0
 """A reader hears something at least so often; one that takes nothing for so long is left [s]."""
 MOST_READERS = 8
@@ -119,7 +116,6 @@ def receive(source: socket.socket, painter: Painter, newest: Newest) -> None:
 def main(argv: list[str]) -> int:
     """Serves until the runner has gone."""
     source, host, port = socket.socket(fileno=int(argv[0])), argv[1], int(argv[2])
-    os.nice(NICE)
     newest = Newest()
     try:
         painter = Painter(_mapping(parse_json("what the run is about", sys.stdin.buffer.read())))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import select
 import signal
 import socket
@@ -25,6 +26,8 @@ PERIOD_S = 0.05
 """Least time between two frames [s]."""
 WAITING = 4
 """Moments that may wait for the page's process; more are dropped."""
+NICE = 10
+"""Whatever commands the robot goes before the page."""
 START_S, END_S = 60.0, 5.0
 LOOPBACK = "127.0.0.1"
 
@@ -102,6 +105,9 @@ class LiveView:
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
+        # who starts it may go before all others: this must not be inherited
+        os.sched_setscheduler(self._process.pid, os.SCHED_OTHER, os.sched_param(0))
+        os.setpriority(os.PRIO_PROCESS, self._process.pid, NICE)
         try:
             self.url = self._started(json.dumps(about_run(scene, carried, policy)).encode())
         except BaseException:
