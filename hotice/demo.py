@@ -48,6 +48,7 @@ def run(config: DemoConfig) -> None:
     from hotice.learn.policy import load_policy
     from hotice.model import Box, load_scenes
     from hotice.model.carry import solve_carry
+    from hotice.progress import doing
     from hotice.replay import write_html, write_overview
 
     console = PlainConsole()
@@ -81,7 +82,7 @@ def run(config: DemoConfig) -> None:
     states = [solve_carry(box) for box in boxes[: config.shown]]
     records = []
     for scene in scenes:
-        with console.status(f"recording {scene.name}"):
+        with doing(f"recording {scene.name}"):
             records += record_rollouts(policy, scene, states, seed=config.seed)
     write_html(records, page)
     write_overview(records[:: config.shown], picture)
@@ -90,21 +91,19 @@ def run(config: DemoConfig) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Command line; a `HoticeError` is printed on one line and gives status 2."""
+    """Command line; see `hotice.commands.program.guarded`."""
     import tyro
 
     from hotice.commands.help_text import unbroken_help
-    from hotice.errors import HoticeError
-    from hotice.failures import one_line
+    from hotice.commands.program import guarded
 
-    try:
+    def work() -> int:
         with unbroken_help():
             config = tyro.cli(DemoConfig, args=argv, prog="python -m hotice.demo", description=__doc__)
         run(config)
-    except HoticeError as error:
-        print(one_line(f"hotice: {error}"), file=sys.stderr)
-        return 2
-    return 0
+        return 0
+
+    return guarded(work)
 
 
 if __name__ == "__main__":

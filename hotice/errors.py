@@ -24,6 +24,7 @@ __all__ = [
     "OutputError",
     "PickInfeasible",
     "SimulationError",
+    "Stopped",
     "UnknownName",
     "UnreachableGoal",
 ]
@@ -95,6 +96,10 @@ class DivergedError(HoticeError):
 
 class OutOfMemory(HoticeError):
     """Memory of the machine or of its GPU that ran out; says what to lower."""
+
+
+class Stopped(KeyboardInterrupt):
+    """A command that the user stopped after it had saved what was done; says how to go on. No error of the command."""
 
 
 class MissingExtra(HoticeError, ImportError):

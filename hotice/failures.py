@@ -11,6 +11,11 @@ import sys
 
 from hotice.errors import HoticeError, OutOfMemory, OutputError
 
+STOPPED = 75
+"""Exit status of a run that was asked to stop and has saved: to be gone on with (EX_TEMPFAIL of sysexits.h)."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C where nothing was saved: 128 and the number of SIGINT, as shells have it."""
+
 LOWER = {
     "train": "lower --num-envs or --steps, or raise --minibatches",
     "distill": "lower --num-envs, --steps or --aggregate, or raise --minibatches",

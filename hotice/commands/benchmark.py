@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import resource
 import time
@@ -14,6 +15,7 @@ from hotice.commands.configs import BENCHMARK_BLOCK, BenchmarkConfig
 from hotice.commands.stopwatch import Stopwatch
 from hotice.files import check_writable, write_text
 from hotice.learn.train.runner import Runner
+from hotice.progress import lines
 from hotice.sim.physics.ram import check_memory
 from hotice.version import source_version
 
@@ -42,7 +44,9 @@ def benchmark(config: BenchmarkConfig) -> dict[str, Any]:
         "source": source_version(),
     }
     console = PlainConsole(width=None if PlainConsole().is_terminal else 150)
-    with Live(_table(sizes, config), console=console, auto_refresh=False) as live:
+    silent = PlainConsole(stderr=True).is_terminal
+    told = contextlib.nullcontext() if silent else lines(lambda: f"{len(sizes)} of {len(config.num_envs)} sizes")
+    with told, Live(_table(sizes, config), console=console, auto_refresh=False) as live:
         for num_envs in config.num_envs:
             runner = Runner(config.training(num_envs))
             result |= _machine(runner.env.device, config)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import torch
-from rich.progress import track
 
 from hotice.commands.configs import PlayConfig
-from hotice.console import PlainConsole
 from hotice.errors import InvalidConfig
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.record import failures_first, record_rollouts
@@ -14,6 +12,7 @@ from hotice.files import check_writable
 from hotice.learn.policy import load_policy
 from hotice.model.object_range import ObjectRange
 from hotice.model.shipped import resolve_scenes
+from hotice.progress import counted, doing
 from hotice.replay import RolloutRecord, write_html, write_overview
 from hotice.replay.video import write_video
 from hotice.sim.carry_bank import CarryBank
@@ -26,8 +25,7 @@ def play(config: PlayConfig) -> list[RolloutRecord]:
     scenes = resolve_scenes(config.scenes)
     if config.video is not None and config.video_of > len(scenes) * config.rollouts:
         raise InvalidConfig(f"video_of is {config.video_of}: there are {len(scenes) * config.rollouts} rollouts")
-    console = PlainConsole(stderr=True)
-    watched = track(scenes, "rollouts", console=console, transient=True, disable=not console.is_terminal)
+    watched = counted(scenes, "scenes", len(scenes))
     if config.controller == "policy":
         policy = load_policy(config.policy)
         states = CarryBank.sample(ObjectRange(), config.rollouts, config.seed, 0.005, torch.device("cpu")).states
@@ -45,7 +43,7 @@ def play(config: PlayConfig) -> list[RolloutRecord]:
     print(write_html(records, config.out))
     print(write_overview(records, config.out.with_suffix(".png")))
     if config.video is not None:
-        with console.status("film") as status:
+        with doing("film") as told:
             shown = records[config.video_of - 1]
-            print(write_video(shown, config.video, lambda n, total: status.update(f"film: frame {n} of {total}")))
+            print(write_video(shown, config.video, lambda n, total: told(f"film: frame {n} of {total}")))
     return records

@@ -4,28 +4,72 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
 
-from hotice.failures import mendable, one_line
+from hotice.errors import Stopped
+from hotice.failures import INTERRUPTED, STOPPED, mendable, one_line
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs a command; an error that the user can mend is printed on one line and gives status 2."""
+    """Runs a command; an error that the user can mend is printed on one line and gives status 2, Ctrl-C 130 or 75."""
     argv = sys.argv[1:] if argv is None else argv
+    return guarded(lambda: _run(argv), argv[0] if argv else "")
+
+
+def guarded(work: Callable[[], int], command: str = "") -> int:
+    """Exit status of `work`; what ends it early is told on one line, unless it is a defect."""
+    with _noted() as interrupted:
+        return _guarded(work, command, interrupted)
+
+
+def _guarded(work: Callable[[], int], command: str, interrupted: threading.Event) -> int:
     try:
-        status = _run(argv)
+        status = work()
         sys.stdout.flush()
         return status
     except BrokenPipeError:  # the reader of a pipe has gone: nothing is wrong
         sys.stderr.close()
         return 0
+    except Stopped as stopped:
+        return _say(f"stopped: {stopped}", STOPPED)
+    except KeyboardInterrupt:
+        return _say("interrupted", INTERRUPTED)
     except Exception as error:
-        known = mendable(error, argv[0] if argv else "")
+        if interrupted.is_set():  # compiled code that calls Python may swallow it, and fail later
+            return _say("interrupted", INTERRUPTED)
+        known = mendable(error, command)
         if known is None:
             raise
-        print(one_line(f"hotice: {known}"), file=sys.stderr)
-        _drop_unwritten()
-        return 2
+        return _say(str(known), 2)
+
+
+@contextlib.contextmanager
+def _noted() -> Iterator[threading.Event]:
+    """An event that Ctrl-C sets beside what it does anyhow."""
+    event, before = threading.Event(), signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before is not signal.default_int_handler:
+        yield event
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        event.set()
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _say(text: str, status: int) -> int:
+    print(one_line(f"hotice: {text}"), file=sys.stderr)
+    _drop_unwritten()
+    return status
 
 
 def _run(argv: list[str]) -> int:

@@ -15,7 +15,7 @@ from typing import Any
 
 from hotice.commands.paper_tables import TABLES, Made, origins_markdown, table_markdown, tables_json
 from hotice.commands.recipes import RECIPES, ReproduceConfig
-from hotice.errors import InvalidConfig, SimulationError
+from hotice.errors import InvalidConfig, Stopped
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.run import evaluate
 from hotice.files import check_folder, make_folder, output_file, write_text
@@ -33,7 +33,7 @@ FORMAT = "hotice-tables/1"
 def reproduce(config: ReproduceConfig, training: TrainConfig | None = None) -> dict[str, Any]:
     """Makes the tables, writes and prints them; `training`: what all trainings share beside budget and recipe.
 
-    Raises `HoticeError`, `SimulationError` when a training was interrupted.
+    Raises `HoticeError`, `Stopped` when a training was interrupted.
     """
     from hotice.commands.unseen_views import unseen_markdown
     from hotice.console import PlainConsole
@@ -98,7 +98,7 @@ def _train(config: ReproduceConfig, name: str, shared: TrainConfig) -> tuple[str
     if not _trained(train):
         Runner(train).train()
     if not _trained(train):
-        raise SimulationError(f"training of {name} was interrupted: the same command goes on")
+        raise Stopped(f"training of {name} was interrupted and is saved: the same command goes on")
     return str(train.out), train_command(train)
 
 

@@ -18,6 +18,7 @@ from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable, is_folder
 from hotice.model.importers.house_scenes import Front3dConfig
 from hotice.model.importers.options import ImportOptions
+from hotice.progress import counted, doing
 
 if TYPE_CHECKING:
     from hotice.model import Scene
@@ -80,7 +81,7 @@ def import_map(config: Flat[ImportConfig]) -> int:
     check_writable(config.out)
     check_writable(picture)
     console = PlainConsole()
-    with console.status(f"importing {config.map}"):
+    with doing(f"importing {config.map}"):
         imported = import_scene(config.map, config)
         imported.scene.save(config.out)
         write_import_picture(imported, picture)
@@ -121,7 +122,6 @@ def check(scenes: Items) -> int:
     Args:
         scenes: Names, files, folders or family:NAME:COUNT[:SEED].
     """
-    from rich.progress import track
     from rich.table import Table
 
     from hotice.console import PlainConsole
@@ -130,7 +130,7 @@ def check(scenes: Items) -> int:
         raise InvalidConfig("no scene is given: see `hotice scene list`")
     table = Table("scene", "obstacles", "path [m]", "clearance [m]", "verdict", title="g ground, s side, o overhead")
     console, bad = PlainConsole(), 0
-    for item, scene in track(list(_each(scenes)), "checking", transient=True, console=console):
+    for item, scene in counted(found := list(_each(scenes)), "scenes", len(found)):
         row, ok = _verdict(scene) if not isinstance(scene, HoticeError) else (["", "", "", str(scene)], False)
         table.add_row(item if isinstance(scene, HoticeError) else scene.name, *row, style=None if ok else "red")
         bad += not ok
@@ -172,7 +172,7 @@ def generate(config: Flat[GenerateConfig]) -> int:
     if wrong:
         raise InvalidConfig(f"{wrong[0]!r} is no family: {FAMILY_PREFIX}NAME:COUNT or ...:SEED is needed")
     console = PlainConsole()
-    with console.status("generating"):
+    with doing("generating"):
         made = [generate_from_text(item.removeprefix(FAMILY_PREFIX)) for item in config.families]
     scenes = [scene for part in made for scene in part.scenes]
     twice = [name for name, count in Counter(s.name for s in scenes).items() if count > 1]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from hotice.commands.configs import (
     BenchmarkConfig,
@@ -17,37 +18,37 @@ from hotice.commands.configs import (
     ReproduceConfig,
     TrainConfig,
 )
+from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.commands.tags_config import TagCameraConfig, TagsConfig
+from hotice.failures import STOPPED
 from hotice.files import check_folder, check_writable
 from hotice.owner import check_unowned
+from hotice.progress import doing
 
-STOPPED = 75
-"""Exit status of a run that was asked to stop and has saved: to be gone on with (EX_TEMPFAIL of sysexits.h)."""
+if TYPE_CHECKING:
+    from hotice.learn.train.runner import Runner
 
 
 def train(config: Flat[TrainConfig]) -> int:
     """Train the agents of a preset with dual PPO."""
     from hotice.learn.train.runner import Runner
 
-    _check_run_folder(config.out)
-    return 0 if Runner(config).train() else STOPPED
+    return _train(Runner, config)
 
 
 def distill(config: Flat[DistillConfig]) -> int:
     """Make one student of several teachers (DAgger), under noise, delays and pushes."""
     from hotice.learn.distill.dagger import DistillRunner
 
-    _check_run_folder(config.out)
-    return 0 if DistillRunner(config).train() else STOPPED
+    return _train(DistillRunner, config)
 
 
 def finetune(config: Flat[FinetuneConfig]) -> int:
     """Go on from a student with dual PPO, under noise, delays and pushes."""
     from hotice.learn.train.runner import Runner
 
-    _check_run_folder(config.out)
-    return 0 if Runner(config).train() else STOPPED
+    return _train(Runner, config)
 
 
 def pipeline(config: Flat[PipelineConfig]) -> int:
@@ -145,18 +146,29 @@ def tag_camera(config: Flat[TagCameraConfig]) -> int:
     return 0
 
 
+def deploy(config: Flat[DeployConfig]) -> int:
+    """Have a robot, simulated or real, carry its object to a scene's goal."""
+    from hotice.commands.deploy.run import deploy as run
+
+    run(config)
+    return 0
+
+
 def scene() -> int:
     """Import, show, check, list and generate scenes: see `hotice scene --help`."""
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
 
 
-def _check_run_folder(out: Path) -> None:
-    """Raises `OutputError` before the work where a run cannot be written to this folder, or another one is."""
+def _train(kind: Callable[[Any], Runner], config: TrainConfig) -> int:
+    """Trains; first of all, whether the run can be written to its folder, and no other process does so."""
     from hotice.learn import distributed
 
-    check_folder(out)
+    check_folder(config.out)
     if distributed.leads():  # the other ranks of this run would find it owned by the first
-        check_unowned(out)
+        check_unowned(config.out)
+    with doing("preparing scenes, fields and objects"):
+        runner = kind(config)
+    return 0 if runner.train() else STOPPED
 
 
 COMMANDS = {
@@ -174,5 +186,6 @@ COMMANDS = {
     "robot-sim": robot_sim,
     "tags": tags,
     "tag-camera": tag_camera,
+    "deploy": deploy,
     "scene": scene,
 }

@@ -7,8 +7,10 @@ others).
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
+import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
@@ -40,9 +42,11 @@ def score_blocks(
         return
     context = multiprocessing.get_context("spawn")
     ended = context.Value("q", 0)
+    before = multiprocessing.active_children()
     pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(scorer, ended))
     try:
-        waiting = {pool.submit(_score, block): block for block in blocks}
+        with _untold():
+            waiting = {pool.submit(_score, block): block for block in blocks}
         while waiting:
             finished, _ = wait(waiting, timeout=POLL_S, return_when=FIRST_COMPLETED)
             on_total(ended.value)
@@ -53,8 +57,26 @@ def score_blocks(
             "a process of the evaluation died (out of memory, or killed): run the same command again; with --out, "
             "finished blocks are kept; fewer --threads or a smaller --batch need less memory"
         ) from None
+    except KeyboardInterrupt:
+        for process in multiprocessing.active_children():
+            if process not in before:
+                process.terminate()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _untold() -> Iterator[None]:
+    """Processes started within the context never learn of Ctrl-C, which a terminal sends to all of them.
+
+    It reaches this process at the end of the context.
+    """
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _score_here(

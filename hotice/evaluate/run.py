@@ -16,9 +16,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
 from hotice.console import PlainConsole
+from hotice.errors import Stopped
 from hotice.evaluate.carriers import Carrier, load_carrier
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.processes import Block, score_blocks
@@ -27,6 +26,7 @@ from hotice.evaluate.scorer import Scorer
 from hotice.evaluate.trials import Trials, TrialStore
 from hotice.files import check_folder, check_writable, write_text
 from hotice.owner import check_unowned, sole_owner
+from hotice.progress import counting
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -39,10 +39,10 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     scorer = Scorer.of(config)
     console = PlainConsole(stderr=True)
     if config.out is None:
-        done = _score_all(scorer, carrier, None, console)
+        done = _score_all(scorer, carrier, None)
     else:
         with sole_owner(_trials_of(config.out)):
-            done = _score_all(scorer, carrier, _open_store(config.out, scorer, carrier, console), console)
+            done = _score_all(scorer, carrier, _open_store(config.out, scorer, carrier, console))
     scores = [
         (scene.name, Trials.joined(done[block] for block in scorer.blocks() if block[0] == number))
         for number, scene in enumerate(scorer.scenes)
@@ -70,21 +70,21 @@ def _open_store(out: Path, scorer: Scorer, carrier: Carrier, console: PlainConso
     return store
 
 
-def _score_all(
-    scorer: Scorer, carrier: Carrier, store: TrialStore | None, console: PlainConsole
-) -> dict[Block, Trials]:
+def _score_all(scorer: Scorer, carrier: Carrier, store: TrialStore | None) -> dict[Block, Trials]:
     """Trials of all blocks; scores and stores those that are not yet, under a bar of progress."""
     config, done = scorer.config, store.blocks if store is not None else {}
     before = sum(trials.rollouts for trials in done.values())
     left = [block for block in scorer.blocks() if block not in done]
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(
-        *columns, TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task("trials", total=config.rollouts * len(scorer.scenes), completed=before)
-        scored = score_blocks(scorer, carrier, left, config.threads, lambda n: bar.update(task, completed=before + n))
-        for (scene, block), trials in scored:
-            done[scene, block] = trials
-            if store is not None:
-                store.add(scene, block, trials)
+    with counting("trials", config.rollouts * len(scorer.scenes), before) as told:
+        scored = score_blocks(scorer, carrier, left, config.threads, lambda n: told(before + n))
+        try:
+            for (scene, block), trials in scored:
+                done[scene, block] = trials
+                if store is not None:
+                    store.add(scene, block, trials)
+        except KeyboardInterrupt:
+            if store is None or not done:
+                raise
+            kept = f"{len(done)} of {len(scorer.blocks())} blocks are kept in {store.folder}"
+            raise Stopped(f"{kept}: the same command goes on") from None
     return done

@@ -9,8 +9,10 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from hotice import checks
+from hotice.checks import shown
 from hotice.documents import read_json
-from hotice.errors import InputError
+from hotice.errors import HoticeError, InputError
 from hotice.files import make_folder, write_text
 
 CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan")
@@ -23,6 +25,7 @@ PLURAL = {
     "unstable": "unstable",
     "no_plan": "no_plans",
 }
+SETTINGS = "settings.json"
 MAX_FILE_BYTES = 256 * 2**20
 DEEP_M = 0.005
 """Contacts within the robot that are deeper are counted apart: so far two links may yield to each other in the
@@ -151,25 +154,73 @@ def read_trials(folder: Path) -> dict[str, Trials]:
         raise InputError(
             f"{folder}: no file scene-*.json: the folder OUT.trials of `hotice evaluate --out OUT` is needed"
         )
+    sizes = block_sizes(_read_settings(folder))
     found = {}
     for file in files:
-        name, blocks = _read_blocks(file)
+        name, blocks = _read_blocks(file, sizes)
         found[name] = Trials.joined(blocks[b] for b in sorted(blocks))
     return found
 
 
-def _read_blocks(file: Path) -> tuple[str, dict[int, Trials]]:
-    """Name of the scene and its trials by block. Raises `InputError`."""
+def block_sizes(settings: Any) -> dict[int, int] | None:
+    """Number of trials of each block of a scene by the settings of an evaluation; None where they do not say."""
+    try:
+        rollouts, batch = (checks.whole(n, settings[n], checks.COUNT, InputError) for n in ("rollouts", "batch"))
+    except (InputError, KeyError, TypeError):
+        return None
+    return {block: min(batch, rollouts - block * batch) for block in range(-(-rollouts // batch))}
+
+
+def _read_settings(folder: Path) -> Any:
+    """Settings of the evaluation whose trials are in a folder; None where there are none that can be read."""
+    try:
+        return read_json(folder / SETTINGS, MAX_FILE_BYTES)
+    except InputError:
+        return None
+
+
+def _read_blocks(file: Path, sizes: dict[int, int] | None) -> tuple[str, dict[int, Trials]]:
+    """Name of the scene and its trials by block. Raises `InputError`, also for values that no trial can have."""
     try:
         content = read_json(file, MAX_FILE_BYTES)
-        blocks = {int(b): Trials(**{k: tuple(v) for k, v in values.items()}) for b, values in content["blocks"].items()}
-        if not all(trials.rollouts for trials in blocks.values()):
-            raise ValueError("a block without trials")
+        blocks = {_block(b, sizes): _trials(values, b, sizes) for b, values in content["blocks"].items()}
         return str(content.get("name", file.stem)), blocks
-    except (ValueError, KeyError, TypeError, AttributeError, InputError):
+    except (ValueError, KeyError, TypeError, AttributeError, InputError, InvalidTrials) as error:
+        why = f" ({error})" if isinstance(error, InvalidTrials) else ""
         raise InputError(
-            f"{file}: is no file of trials (changed or damaged): remove it to run its trials anew"
+            f"{file}: is no file of trials, changed or damaged{why}: remove it to run its trials anew"
         ) from None
+
+
+class InvalidTrials(HoticeError):
+    """Values in a file of trials that no trial can have."""
+
+
+def _block(name: str, sizes: dict[int, int] | None) -> int:
+    if not name.isascii() or not name.isdecimal() or (sizes is not None and int(name) not in sizes):
+        raise InvalidTrials(f"block {shown(name)} is not one of this evaluation")
+    return int(name)
+
+
+def _trials(values: dict[str, Any], block: str, sizes: dict[int, int] | None) -> Trials:
+    """Trials of a block. Raises `InvalidTrials`, or `ValueError` and `TypeError` for other names and lengths."""
+    trials = Trials(**{name: tuple(column) for name, column in values.items()})
+    for name, column in vars(trials).items():
+        for i, value in enumerate(column):
+            _check_value(f"block {block}: {name}[{i}]", name, value)
+    wanted = max(1, trials.rollouts) if sizes is None else sizes[int(block)]
+    if trials.rollouts != wanted:
+        raise InvalidTrials(f"block {block} holds {trials.rollouts} trials, {wanted} are needed")
+    return trials
+
+
+def _check_value(where: str, name: str, value: object) -> None:
+    if name in ("outcome", "points"):
+        checks.one_of(where, value, ("success", *CAUSES), InvalidTrials)
+    elif name in ("standing", "stayed"):
+        checks.flag(where, value, InvalidTrials)
+    else:
+        checks.number(where, value, checks.NOT_NEGATIVE, InvalidTrials)
 
 
 class TrialStore:
@@ -183,6 +234,7 @@ class TrialStore:
     def __init__(self, folder: Path, settings: dict[str, Any], scenes: list[str]) -> None:
         self.folder, self.scenes = folder, scenes
         self.blocks: dict[tuple[int, int], Trials] = {}
+        self._sizes = block_sizes(settings)
         self._settings: str | None = json.dumps(settings, indent=1, sort_keys=True) + "\n"
         self.changed = self._differing(self._settings)
         if not self.changed:
@@ -209,26 +261,26 @@ class TrialStore:
         if self.changed:
             for file in self.folder.glob("scene-*.json"):
                 file.unlink()
-        write_text(self.folder / "settings.json", settings)
+        write_text(self.folder / SETTINGS, settings)
 
     def _file(self, scene: int) -> Path:
         return self.folder / f"scene-{scene:03d}.json"
 
     def _differing(self, text: str) -> list[str]:
         """Names of the settings that are not those of the trials in the folder."""
-        if not (self.folder / "settings.json").exists():
+        if not (self.folder / SETTINGS).exists():
             return []
         try:
-            old, new = read_json(self.folder / "settings.json", MAX_FILE_BYTES), json.loads(text)
+            old, new = read_json(self.folder / SETTINGS, MAX_FILE_BYTES), json.loads(text)
         except InputError:
-            return ["settings.json"]
+            return [SETTINGS]
         if not isinstance(old, dict):
-            return ["settings.json"]
+            return [SETTINGS]
         return sorted(k for k in old.keys() | new.keys() if old.get(k) != new.get(k))
 
     def _load(self, scene: int) -> None:
         file = self._file(scene)
         if not file.exists():  # none of this scene yet
             return
-        _, blocks = _read_blocks(file)
+        _, blocks = _read_blocks(file, self._sizes)
         self.blocks |= {(scene, block): trials for block, trials in blocks.items()}

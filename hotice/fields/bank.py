@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from rich.progress import track
 from torch import Tensor
 
 from hotice.errors import InvalidConfig, UnknownName
@@ -23,6 +22,7 @@ from hotice.fields.reachability import check_reachable, joins_start
 from hotice.fields.volumes import SceneNodes, Volumes, solve_scene, stack
 from hotice.machine import usable_cores
 from hotice.model.scene import Scene
+from hotice.progress import counted
 
 FIELDS = ("sgf", "ogf")
 
@@ -106,7 +106,7 @@ class FieldBank:
         pool = ThreadPoolExecutor(workers or usable_cores())
         try:
             work = pool.map(solve, range(len(scenes)))
-            nodes = list(track(work, "fields", len(scenes), disable=not progress))
+            nodes = list(counted(work, "fields", len(scenes)) if progress else work)
         finally:
             pool.shutdown(cancel_futures=True)
         volumes = cached.make_bank(cache, keys) if cache is not None else stack([n for n in nodes if n is not None])

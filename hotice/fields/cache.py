@@ -1,8 +1,9 @@
 """Solved scenes on disk, one file each, named by a hash of all that decides their content.
 
-A file holds a line of JSON (format, grid, steps, length and CRC of what follows) and the raw node values; it is written
-aside and then renamed, so a killed build leaves whole files only, and it is never executed. A bank is one more file of
-that kind with the values of all its scenes one after another, which is mapped into memory, not read.
+A file holds a line of JSON (format, grid, steps, length, and a CRC of all that it holds) and the raw node values; it
+is written aside and then renamed, so a killed build leaves whole files only, and it is never executed. A bank is one
+more file of that kind with the values of all its scenes one after another, which is mapped into memory. A file whose
+CRC is another one is made anew, with a warning.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import hashlib
 import json
 import warnings
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ from hotice.files import make_folder, write_bytes, written_aside
 from hotice.model.geometry.shapes import MeshShape
 from hotice.model.scene import Scene
 
-SOLVER = "hotice-field/4"
+SOLVER = "hotice-field/5"
 """Changes whenever equal scenes may give other values."""
 _HEADER_BYTES = 4096
 _MOST_HEADER_BYTES = 64 * 2**20
@@ -57,9 +59,7 @@ def save(folder: Path, key: str, nodes: SceneNodes) -> None:
     """Writes a solved scene with two margins. Raises `OutputError`."""
     make_folder(folder)
     content = b"".join(a.tobytes() for a in (nodes.sdf, *nodes.geo))
-    write_bytes(
-        folder / f"{key}.field", _header([nodes.grid], [nodes.step], len(content), zlib.crc32(content)) + content
-    )
+    write_bytes(folder / f"{key}.field", _header([nodes.grid], [nodes.step], [content]) + content)
 
 
 def load(folder: Path, key: str) -> tuple[Grid, tuple[float, ...], NDArray[np.uint8]] | None:
@@ -68,7 +68,7 @@ def load(folder: Path, key: str) -> tuple[Grid, tuple[float, ...], NDArray[np.ui
     if not path.is_file():
         return None
     found = _open(path)
-    if found is None or zlib.crc32(found[1].data) != found[0]["crc"]:
+    if found is None:
         warnings.warn(f"{path} is damaged: its scene is solved again", BrokenCacheFile, stacklevel=2)
         return None
     header, raw = found
@@ -76,10 +76,13 @@ def load(folder: Path, key: str) -> tuple[Grid, tuple[float, ...], NDArray[np.ui
 
 
 def open_bank(folder: Path, keys: list[str]) -> Volumes | None:
-    """The file that holds the scenes of these keys, mapped into memory; None when it is missing or not whole."""
+    """Volumes of the scenes of these keys, mapped from one file; None without one or, with a warning, a damaged one."""
     path = _bank_path(folder, keys)
-    found = _open(path) if path.is_file() else None
+    if not path.is_file():
+        return None
+    found = _open(path)
     if found is None:
+        warnings.warn(f"{path} is damaged: it is made again", BrokenCacheFile, stacklevel=2)
         return None
     header, raw = found
     total = len(raw) // NODE_BYTES
@@ -110,14 +113,18 @@ def _write_bank(path: Path, folder: Path, keys: list[str]) -> None:
             raise OutputError(f"{folder / key}.field vanished while the bank was built: build it again")
         scenes.append(scene)
     grids, steps = [s[0] for s in scenes], [s[1] for s in scenes]
+    parts = [
+        raw[low * grid.size : high * grid.size].data
+        for low, high in ((0, 4), (4, 12), (12, 20))
+        for grid, _, raw in scenes
+    ]
     with written_aside(path) as aside, aside.open("wb") as file:
-        file.write(_header(grids, steps, sum(len(s[2]) for s in scenes), 0))
-        for low, high in ((0, 4), (4, 12), (12, 20)):
-            for grid, _, raw in scenes:
-                file.write(raw[low * grid.size : high * grid.size].data)
+        file.write(_header(grids, steps, parts))
+        for part in parts:
+            file.write(part)
 
 
-def _header(grids: list[Grid], steps: list[tuple[float, ...]], length: int, crc: int) -> bytes:
+def _header(grids: list[Grid], steps: list[tuple[float, ...]], parts: Sequence[bytes | memoryview]) -> bytes:
     """JSON padded with spaces to a whole number of pages."""
     facts = {
         "format": SOLVER,
@@ -125,11 +132,18 @@ def _header(grids: list[Grid], steps: list[tuple[float, ...]], length: int, crc:
         "origins": [g.origin.tolist() for g in grids],
         "shapes": [g.shape for g in grids],
         "steps": steps,
-        "length": length,
-        "crc": crc,
+        "length": sum(len(part) for part in parts),
     }
-    text = json.dumps(facts).encode() + b"\n"
+    text = json.dumps({**facts, "crc": _crc(facts, parts)}).encode() + b"\n"
     return text[:-1].ljust(-(-len(text) // _HEADER_BYTES) * _HEADER_BYTES - 1) + b"\n"
+
+
+def _crc(facts: dict[str, Any], parts: Sequence[bytes | memoryview]) -> int:
+    """CRC-32 of what a header says and of the node values."""
+    crc = zlib.crc32(json.dumps(facts, sort_keys=True).encode())
+    for part in parts:
+        crc = zlib.crc32(part, crc)
+    return crc
 
 
 def _grids(header: dict[str, Any]) -> list[Grid]:
@@ -147,6 +161,8 @@ def _open(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8]] | None:
         whole = header["format"] == SOLVER and header["length"] == NODE_BYTES * sum(sizes)
         if not whole or path.stat().st_size != len(line) + header["length"]:
             return None
-        return header, np.memmap(path, dtype=np.uint8, mode="c", offset=len(line))
+        raw = np.memmap(path, dtype=np.uint8, mode="c", offset=len(line))
+        facts = {name: value for name, value in header.items() if name != "crc"}
+        return (header, raw) if _crc(facts, [raw.data]) == header["crc"] else None
     except (OSError, ValueError, OverflowError, KeyError, TypeError, InputError):
         return None

@@ -110,7 +110,20 @@ def read_onnx_meta(content: bytes, path: Path) -> dict[str, Any]:
     width = sum(width for _, width in _rows(str(path), meta["layout"]))
     if fault := graph_fault(model, (OBSERVATION, width), (ACTION, ACTIONS)):
         raise CheckpointError(f"{path}: is no policy as `hotice export` writes it: {fault}")
+    _check_finite(model.graph, path)
     return meta
+
+
+def _check_finite(graph: Any, path: Path) -> None:
+    """Raises `CheckpointError` when a weight or a number of a sound graph is NaN or infinite."""
+    from onnx import numpy_helper
+
+    numbers = [
+        (f"{node.op_type}'s {a.name}", np.array([a.f, *a.floats])) for node in graph.node for a in node.attribute
+    ]
+    for name, values in [*numbers, *((t.name, numpy_helper.to_array(t)) for t in graph.initializer)]:
+        if not np.isfinite(values).all():
+            raise CheckpointError(f"{path}: {name} is not finite: the run had diverged, export an older checkpoint")
 
 
 def _check_meta(name: str, meta: dict[str, Any]) -> None:

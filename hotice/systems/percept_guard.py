@@ -13,11 +13,11 @@ from hotice.model import g1
 from hotice.model.carry import CarryState
 from hotice.model.frames import mat_to_quat, rotation_z
 from hotice.model.robot_state import RobotState
+from hotice.policy.measuring import attitude
 from hotice.policy.percept import Percept, PerceptModel
 from hotice.safety import Fault, MeasurementLimits, judge
 from hotice.safety.jumps import GATE, POSE, empty_gate, pass_gate
 from hotice.safety.limits import BOX_JUMP, POSE_JUMP
-from hotice.systems.sensor_model import attitude
 from hotice.systems.signals import PERCEPT, SOURCES, STAMPS
 
 Array = NDArray[np.float64]

@@ -52,6 +52,10 @@ class Pushes(LeafSystem):
         self.DeclareStateOutputPort("push", pushed)
         self.DeclarePeriodicUnrestrictedUpdateEvent(control_dt_s, 0.0, self._draw)
 
+    def reseed(self, context: Context, seed: int) -> None:
+        """Draws other pushes from now on."""
+        context.get_mutable_discrete_state(1).SetAtIndex(1, seed)
+
     def _draw(self, context: Context, state: State) -> None:
         count, seed = (int(v) for v in context.get_discrete_state(1).value())
         push = draw_push(self._size, self._chance, seed, count)

@@ -56,12 +56,13 @@ def test_no_command_writes_to_what_is_no_file(name, made, capfd):
 
 
 def test_nor_do_those_that_write_other_endings_or_a_second_file(made, capfd):
-    for name in ("x.onnx", "x.html", "x.mp4", "x.png"):
+    for name in ("x.onnx", "x.html", "x.mp4", "x.png", "x.pdf"):
         os.mkfifo(name)
     before = left()
     for argv in (
         ["export", "--policy", "run", "--out", "x.onnx"],
         ["scene", "show", "open_floor", "--html", "x.html"],
+        ["tags", "--box", "0.3", "0.3", "0.3", "--out", "x.pdf"],
         ["play", "--policy", "carry", "--out", "page.html", "--video", "x.mp4"],
         ["play", "--policy", "carry", "--out", "x.htm"],
         ["scene", "import", "map.obj", *WAY, "--out", "x.json"],

@@ -13,7 +13,7 @@ from hotice.commands.recipes import ReproduceConfig
 from hotice.commands.reproduce import reproduce
 from hotice.errors import CarryInfeasible, CheckpointError, InputError, InvalidConfig, UnknownName
 from hotice.evaluate.config import EvaluateConfig
-from hotice.evaluate.trials import Trials, TrialStore
+from hotice.evaluate.trials import Trials, TrialStore, read_trials
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.distill.config import FinetuneConfig
 from hotice.learn.policy import load_policy
@@ -151,6 +151,61 @@ def test_a_damaged_file_of_trials_is_named(kept, content):
     (kept / "scene-000.json").write_text(content)
     with pytest.raises(InputError, match="scene-000.json: is no file of trials.*remove it"):
         TrialStore(kept, {"seed": 1}, ["gap"])
+
+
+@pytest.fixture
+def two_blocks(tmp_path):
+    """Settings of five trials in blocks of three, and the file of a scene's trials."""
+    settings, folder = {"seed": 1, "rollouts": 5, "batch": 3}, tmp_path / "blocks"
+    store = TrialStore(folder, settings, ["gap"])
+    for block, count in ((0, 3), (1, 2)):
+        many = dict(distance_m=(0.5,) * count, time_s=(1.0,) * count, standing=(False,) * count)
+        store.add(0, block, Trials(outcome=("fall",) * count, points=("success",) * count, **many))
+    assert TrialStore(folder, settings, ["gap"]).blocks == store.blocks
+    assert read_trials(folder)["gap"].rollouts == 5
+    return settings, folder / "scene-000.json"
+
+
+@pytest.mark.parametrize(
+    "block, name, value, message",
+    [
+        (
+            "0",
+            "outcome",
+            ["fall", "banana", "fall"],
+            r"block 0: outcome\[1\] is 'banana': known are success, robot_coll",
+        ),
+        ("0", "points", [1, "fall", "fall"], r"block 0: points\[0\] is 1: known are success"),
+        ("1", "distance_m", [float("nan"), 1.0], r"block 1: distance_m\[0\] is nan: a finite number of at least 0"),
+        ("1", "distance_m", [1.0, -0.1], r"block 1: distance_m\[1\] is -0.1: a finite number of at least 0"),
+        ("1", "time_s", [float("inf"), 1.0], r"block 1: time_s\[0\] is inf: a finite number"),
+        ("1", "time_s", ["1", 1.0], r"block 1: time_s\[0\] is '1': a finite number"),
+        ("1", "standing", [0, True], r"block 1: standing\[0\] is 0: true or false"),
+        ("1", "outcome", [], "is no file of trials"),
+        ("1", "nonsense", [1, 2], "is no file of trials"),
+    ],
+)
+def test_trials_that_cannot_be_are_not_believed(two_blocks, block, name, value, message):
+    settings, file = two_blocks
+    content = json.loads(file.read_text())
+    content["blocks"][block][name] = value
+    file.write_text(json.dumps(content))
+    for read in (lambda: TrialStore(file.parent, settings, ["gap"]), lambda: read_trials(file.parent)):
+        with pytest.raises(InputError, match=message):
+            read()
+
+
+@pytest.mark.parametrize("block, count", [("0", 500), ("1", 3), ("2", 3), ("-1", 3), ("٠", 3), ("a", 3)])
+def test_blocks_have_the_trials_that_were_asked_for(two_blocks, block, count):
+    settings, file = two_blocks
+    content = json.loads(file.read_text())
+    one = {"outcome": ["success"] * count, "distance_m": [0.0] * count, "time_s": [1.0] * count}
+    content["blocks"] = {block: one}
+    file.write_text(json.dumps(content))
+    message = f"block {block} holds {count} trials" if block in "01" else "is not one of this evaluation"
+    for read in (lambda: TrialStore(file.parent, settings, ["gap"]), lambda: read_trials(file.parent)):
+        with pytest.raises(InputError, match=message):
+            read()
 
 
 @pytest.mark.parametrize("content", ["{", "[]", "null"])

@@ -15,7 +15,7 @@ from hotice.commands.program import main
 from hotice.commands.recipes import RECIPES, ReproduceConfig
 from hotice.commands.reproduce import reproduce, train_command
 from hotice.commands.unseen import Fit
-from hotice.errors import CheckpointError, InvalidConfig, SimulationError, UnknownName
+from hotice.errors import CheckpointError, InvalidConfig, Stopped, UnknownName
 from hotice.evaluate.config import EvaluateConfig
 from hotice.learn.checkpoints.checkpoint import load_checkpoint
 from hotice.learn.export import export_onnx
@@ -241,7 +241,7 @@ def test_a_training_that_was_interrupted_is_told_and_goes_on(tmp_path, scenes, t
 
     with monkeypatch.context() as patch:
         patch.setattr(Runner, "train", stopped_at_once)
-        with pytest.raises(SimulationError, match="training of single_sgf was interrupted: the same command goes on"):
+        with pytest.raises(Stopped, match="training of single_sgf was interrupted and is saved: the same"):
             reproduce(config, tiny(tmp_path))
     path, _ = module._train(config, "single_sgf", tiny(tmp_path))
     assert load_checkpoint(Path(path))[1]["update"] == 3

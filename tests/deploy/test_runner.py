@@ -1,21 +1,25 @@
-"""The runner: what it estimates, what it gives the guard in each mode, and a carry from the gantry to the goal."""
+"""The runner: what it gives the guard in each mode, and a carry from the gantry to the goal."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hotice.deploy.clock import SimulatedClock
+from hotice.deploy.estimate import SeenPose, TrackingEstimator
 from hotice.deploy.guard.config import GuardConfig
 from hotice.deploy.guard.guard import Guard
 from hotice.deploy.guard.modes import Mode, Request
 from hotice.deploy.messages.hg import JOINTS, LOW_STATE
-from hotice.deploy.runner import CarryPolicy, DirectEstimator, RobotRunner, SeenPose
+from hotice.deploy.runner import CarryPolicy, Estimate, RobotRunner
 from hotice.deploy.slot.records import STATUS
 from hotice.fields import build_hod_pf
 from hotice.model import builder, g1, load_scene
 from hotice.model.frames import quat_conj, quat_from_axis_angle, quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.robot_state import RobotState
+from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.policy import PerceptModel, open_policy, read_fields
-from hotice.policy.action import standing
+from hotice.policy.guidance import read_standing
 from tests.deploy.simulated_fixture import Lab
 from tests.deploy.simulated_fixture import carry as solved
 
@@ -65,74 +69,33 @@ def a_robot(carry, rng):
     )
 
 
-class Poses:
-    """Sources of an estimator, turned by hand."""
+class Known:
+    """An estimator that knows the truth, or nothing."""
 
     def __init__(self, robot):
-        self.pelvis = SeenPose(robot.p_WP, robot.quat_WP, 0.0)
-        back = quat_conj(robot.quat_WP)
-        self.box = SeenPose(quat_rotate(back, robot.p_WO - robot.p_WP), quat_mul(back, robot.quat_WO), 0.0)
+        self.robot, self.disputed = robot, False
 
-    def estimator(self, carry):
-        return DirectEstimator(carry.carried, lambda: self.pelvis, lambda: self.box)
+    def update(self, state, now_s):
+        if self.robot is None:
+            return None
+        percept = PerceptModel(self.robot.carried)(*self.robot.to_mujoco(29))
+        return Estimate(percept=percept, pose_age_s=0.1, box_age_s=0.2, disputed=self.disputed)
 
-
-def test_the_percept_is_that_of_the_true_state(carry, rng):
-    """Whatever heading the IMU believes in."""
-    robot = a_robot(carry, rng)
-    for yaw in (0.0, 0.7, -3.0):
-        estimate = Poses(robot).estimator(carry).update(state_of(robot, yaw), 0.3)
-        true = PerceptModel(carry.carried)(*robot.to_mujoco(29))
-        np.testing.assert_allclose(estimate.percept.vector, true.vector, atol=2e-6)
-        assert estimate.pose_age_s == estimate.box_age_s == 0.3 and not estimate.disputed
-
-
-def test_nothing_is_believed_before_both_were_seen(carry, rng):
-    robot = a_robot(carry, rng)
-    for missing in ("pelvis", "box"):
-        poses = Poses(robot)
-        setattr(poses, missing, None)
-        assert poses.estimator(carry).update(state_of(robot), 0.0) is None
-
-
-def test_a_jump_of_localization_is_refused_and_the_fifth_is_a_dispute(carry, rng):
-    robot = a_robot(carry, rng)
-    poses = Poses(robot)
-    estimator, true = poses.estimator(carry), robot.p_WP
-    estimator.update(state_of(robot), 0.0)
-    for i in range(1, 6):
-        poses.pelvis = SeenPose(true + [0.16, 0.0, 0.0], robot.quat_WP, 0.1 * i)
-        for _ in range(5):  # one that is read again does not count again
-            estimate = estimator.update(state_of(robot), 0.1 * i)
-        x, disputed = (true[0], False) if i < 5 else (true[0] + 0.16, True)
-        assert estimate.percept.p_WP[0] == pytest.approx(x) and estimate.disputed is disputed
-        assert estimate.pose_age_s == pytest.approx(0.1 * i if i < 5 else 0.0)
-    estimator.settle()
-    assert not estimator.update(state_of(robot), 0.6).disputed
-
-
-def test_a_box_that_is_not_seen_moves_with_the_pelvis(carry, rng):
-    robot = a_robot(carry, rng)
-    poses = Poses(robot)
-    estimator = poses.estimator(carry)
-    before = estimator.update(state_of(robot), 0.0)
-    poses.pelvis = SeenPose(robot.p_WP + [0.05, 0.0, 0.0], robot.quat_WP, 0.1)
-    poses.box = SeenPose(np.full(3, np.nan), np.zeros(4), 0.1)
-    after = estimator.update(state_of(robot), 0.4)
-    np.testing.assert_allclose(after.percept.p_WO - before.percept.p_WO, [0.05, 0.0, 0.0], atol=1e-9)
-    assert after.box_age_s == 0.4 and after.pose_age_s == pytest.approx(0.3)
+    def settle(self):
+        self.disputed = False
 
 
 class Desk:
     """A runner whose guard is a status written by hand."""
 
-    def __init__(self, policy, pf, carry, poses):
+    def __init__(self, policy, pf, carry, robot):
         self.clock, self.status, self.put = SimulatedClock(1.0), np.zeros((), STATUS), []
+        self.known = Known(robot)
         self.runner = RobotRunner(
             policy,
             pf,
             carry,
-            poses.estimator(carry),
+            self.known,
             lambda: self.status,
             lambda t: self.put.append(t.copy()),
             self.clock,
@@ -148,7 +111,7 @@ class Desk:
 
 def test_targets_by_mode(policy, pf, carry, rng):
     robot = a_robot(carry, rng)
-    desk = Desk(policy, pf, carry, Poses(robot))
+    desk = Desk(policy, pf, carry, robot)
     rest = desk.runner.all_joints(carry.joint_target)
     assert not desk.tick(Mode.OFF, robot)["warm"]
     desk.runner.warm()
@@ -161,14 +124,39 @@ def test_targets_by_mode(policy, pf, carry, rng):
         desk.tick(Mode.READY, robot)  # forgets the action before
         ours = CarryPolicy(policy, carry)
         reading = read_fields(pf, percept, ours.task)
-        expected = ours.act(percept, reading if mode is Mode.CARRY else standing(reading))
+        here = np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
+        expected = ours.act(
+            percept, reading if mode is Mode.CARRY else read_standing(reading, percept, here, ours.task)
+        )
         targets = desk.tick(mode, robot)
         np.testing.assert_allclose(targets["q"], desk.runner.all_joints(expected), atol=1e-4)
         assert np.abs(targets["q"] - rest).max() > 0.01
 
 
+def test_who_stands_is_drawn_back_to_where_standing_began(policy, pf, carry, rng):
+    robot = a_robot(carry, rng)
+    desk = Desk(policy, pf, carry, robot)
+    ours = CarryPolicy(policy, carry)
+    place = np.array([*robot.p_WP[:2], GOAL_HEIGHT_M])
+    for i, mode in enumerate((Mode.CARRY, Mode.HOLD, Mode.HOLD, Mode.LOWER)):
+        p_WP = robot.p_WP + [0.02 * max(i - 1, 0), 0.0, 0.0]
+        desk.known.robot = moved = replace(robot, p_WP=p_WP, p_WO=robot.p_WO + p_WP - robot.p_WP)
+        percept = PerceptModel(carry.carried)(*moved.to_mujoco(29))
+        reading = read_fields(pf, percept, ours.task)
+        if mode is not Mode.CARRY:
+            reading = read_standing(reading, percept, place, ours.task)
+        expected = ours.act(percept, reading)
+        np.testing.assert_allclose(desk.tick(mode, robot)["q"], desk.runner.all_joints(expected), atol=1e-4)
+    walked = ours.task.speed_m_s
+    assert reading.goal_distance[0] == pytest.approx(0.04) and 0.0 < reading.speed[0] < walked
+    # who walked on in between stands where it stops next
+    desk.tick(Mode.CARRY, robot)
+    desk.tick(Mode.HOLD, robot)
+    np.testing.assert_allclose(desk.runner._place_W, [*p_WP[:2], GOAL_HEIGHT_M])
+
+
 def test_joints_that_the_policy_does_not_move(policy, pf, carry, rng):
-    runner = Desk(policy, pf, carry, Poses(a_robot(carry, rng))).runner
+    runner = Desk(policy, pf, carry, a_robot(carry, rng)).runner
     q = dict(zip(g1.ALL_JOINTS, runner.all_joints(np.arange(1.0, 21.0)), strict=True))
     assert [q[joint] for joint in g1.ACTION_JOINTS] == list(range(1, 21))
     assert [q[joint] for joint in g1.WAIST_JOINTS] == [0.0] * 3
@@ -177,9 +165,7 @@ def test_joints_that_the_policy_does_not_move(policy, pf, carry, rng):
 
 def test_who_does_not_know_where_it_is_gives_no_targets_for_walking(policy, pf, carry, rng):
     robot = a_robot(carry, rng)
-    poses = Poses(robot)
-    poses.pelvis = None
-    desk = Desk(policy, pf, carry, poses)
+    desk = Desk(policy, pf, carry, None)
     assert desk.tick(Mode.READY, robot)["pose_age_s"] == np.inf
     assert desk.tick(Mode.CARRY, robot) is None
 
@@ -198,12 +184,10 @@ def test_a_policy_that_answers_nonsense_gives_no_targets(policy, pf, carry, rng)
 
 def test_the_goal_is_told(policy, pf, carry, rng):
     robot = a_robot(carry, rng)
-    poses = Poses(robot)
     goal = np.array([*load_scene("gap").goal, 0.72])
-    poses.pelvis = SeenPose(goal + [0.11, 0.0, 0.0], robot.quat_WP, 0.0)
-    desk = Desk(policy, pf, carry, poses)
+    desk = Desk(policy, pf, carry, replace(robot, p_WP=goal + [0.11, 0.0, 0.0]))
     assert not desk.tick(Mode.CARRY, robot)["done"]
-    poses.pelvis = SeenPose(goal + [0.09, 0.0, 0.0], robot.quat_WP, 0.1)
+    desk.known.robot = replace(robot, p_WP=goal + [0.09, 0.0, 0.0])
     assert desk.tick(Mode.CARRY, robot)["done"] and not desk.tick(Mode.HOLD, robot)["done"]
 
 
@@ -234,7 +218,7 @@ class Chain:
         self.slot = self.status = None
         self.wishes, self.events, self.count = set(), [], 0
         world = self.lab.world
-        estimator = DirectEstimator(world.carry.carried, self._pelvis, self._box)
+        estimator = TrackingEstimator(world.carry.carried, self._pelvis, self._box)
         self.runner = RobotRunner(policy, pf, world.carry, estimator, lambda: self.status, self._put, self.lab.clock)
         self.runner.warm()
         self.guard = Guard(
@@ -272,11 +256,11 @@ class Chain:
     def _tell(self, status):
         self.status = status.copy()
 
-    def _pelvis(self):
+    def _pelvis(self, *_):
         pelvis = self.lab.world.data.body(g1.ROOT_BODY)
         return SeenPose(pelvis.xpos.copy(), pelvis.xquat.copy(), self.lab.clock.now())
 
-    def _box(self):
+    def _box(self, *_):
         pelvis, box = (self.lab.world.data.body(name) for name in (g1.ROOT_BODY, builder.OBJECT_BODY))
         back = quat_conj(pelvis.xquat)
         return SeenPose(quat_rotate(back, box.xpos - pelvis.xpos), quat_mul(back, box.xquat), self.lab.clock.now())

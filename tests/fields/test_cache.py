@@ -97,3 +97,22 @@ FieldBank.build(scenes(60), 0.04, workers=1, cache=Path({str(tmp_path)!r}))
     resumed = FieldBank.build(scenes(60), 0.04, cache=tmp_path)
     assert all(p.stat().st_mtime_ns == t for p, t in kept.items())
     same(resumed, FieldBank.build(scenes(60), 0.04))
+
+
+@pytest.mark.parametrize("ending", ["field", "bank"])
+def test_no_flipped_byte_gives_other_forces(tmp_path, ending):
+    """In the header's numbers as in the values: each is found, and the file made anew."""
+    FieldBank.build(scenes(2), H, cache=tmp_path)
+    path = sorted(tmp_path.glob(f"*.{ending}"))[0]
+    whole = path.read_bytes()
+    header = whole[: whole.index(b"\n")]
+    origin = header.index(b'"origins": [[-') + len(b'"origins": [[-')
+    spots = [origin, len(header) + 1, *np.random.default_rng(0).integers(4096, len(whole), 6).tolist(), len(whole) - 1]
+    for spot in spots:
+        path.write_bytes(whole[:spot] + bytes([whole[spot] ^ 1]) + whole[spot + 1 :])
+        for other in set(tmp_path.glob("*.bank")) - {path}:
+            other.unlink()
+        with pytest.warns(cache.BrokenCacheFile, match="damaged"):
+            built = FieldBank.build(scenes(2), H, cache=tmp_path)
+        assert path.read_bytes() == whole, spot
+    same(FieldBank.build(scenes(2), H), built)

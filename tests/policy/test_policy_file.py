@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 
@@ -116,6 +117,39 @@ def test_another_observation_is_told_with_what_to_give():
 def test_a_layout_that_is_none(layout):
     with pytest.raises(CheckpointError, match="no list of names and widths"):
         check_layout("p", layout, LAYOUT)
+
+
+@pytest.mark.parametrize("where", ["initializer", "number"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_weights_that_are_not_finite_are_refused(tmp_path, where, value):
+    """As in checkpoints; the hash of the file is right."""
+    import onnx
+
+    from hotice.policy.policy_file import KEY, POLICIES, content_hash
+
+    model = onnx.load_model(str(POLICIES / "carry.onnx"))
+    entry = next(e for e in model.metadata_props if e.key == KEY)
+    graph = model.graph
+    if where == "initializer":
+        name = "nets.up.actor.2.weight"
+        tensor = next(t for t in graph.initializer if t.name == name)
+        values = onnx.numpy_helper.to_array(tensor).copy()
+        values[3, 5] = value
+        tensor.CopyFrom(onnx.numpy_helper.from_array(values, name))
+    else:
+        name = "Gemm's alpha"
+        next(a for n in graph.node if n.op_type == "Gemm" for a in n.attribute if a.name == "alpha").f = value
+    del model.metadata_props[:]
+    meta = {k: v for k, v in json.loads(entry.value).items() if k != "sha256"}
+    meta["sha256"] = content_hash(model, meta)
+    model.metadata_props.append(onnx.StringStringEntryProto(key=KEY, value=json.dumps(meta)))
+    onnx.save_model(model, str(tmp_path / "bad.onnx"))
+    with pytest.raises(CheckpointError, match=f"bad.onnx: {name} is not finite: the run had diverged, export an older"):
+        open_policy(tmp_path / "bad.onnx")
+
+
+def test_shipped_policies_are_finite():
+    assert [open_policy(name).name for name in shipped_policies()] == list(shipped_policies())
 
 
 def test_what_onnxruntime_refuses_is_an_error_of_ours():

@@ -16,6 +16,7 @@ from hotice.model.objects import Sphere
 from hotice.policy import Percept, PerceptModel, PolicyTask, open_policy
 from hotice.policy.action import next_action
 from hotice.policy.guidance import read_fields, read_standing
+from hotice.policy.measuring import DRAWS, ESTIMATE, measure
 from hotice.policy.observation import LAYOUT, Carrying, layout_of, observe, remember
 from hotice.safety import Answer, Fault
 from hotice.sim import TaskConfig, TransportEnv
@@ -23,7 +24,7 @@ from hotice.sim.carry_bank import CarryBank
 from hotice.sim.sensing import Sensors
 from hotice.systems.guidance_field import GuidanceFieldSystem
 from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PLACE, PolicySystem
-from hotice.systems.sensor_model import DRAWS, ESTIMATE, SensorModel, measure
+from hotice.systems.sensor_model import SensorModel
 from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig, draw_delays
 
 NOISY = SensingConfig(joint_pos_rad=0.03, object_pos_m=0.05, root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0)

@@ -4,6 +4,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import Simulator
 
 from hotice.errors import InvalidConfig, InvalidStation, NotAvailable
@@ -11,6 +12,7 @@ from hotice.model.dynamics import STUDENT_DYNAMICS, DynamicsConfig, joint_offset
 from hotice.systems import StationConfig, make_station
 from hotice.systems.joint_pd import JointPd, JointServo
 from hotice.systems.pushes import Pushes, draw_push
+from hotice.systems.sensor_model import _SEED
 
 YAML = {"sensing": "student", "dynamics": "student", "push_m_s": 1.0, "push_interval_s": 0.2}
 
@@ -76,6 +78,45 @@ def test_a_seed_and_a_cloned_context_replay_identically(perturbed):
     simulator = Simulator(other)
     simulator.AdvanceTo(0.3)
     assert (state(other, simulator)[1:4] != state(perturbed, first)[1:4]).all()
+
+
+def test_a_random_context_draws_noise_and_pushes_from_the_generator(perturbed):
+    """At the station's start, with the robot of its own seed; equal generators replay identically."""
+
+    def run(number, begin_s=0.0):
+        simulator = Simulator(perturbed)
+        simulator.AdvanceTo(begin_s)
+        context = simulator.get_mutable_context()
+        perturbed.SetRandomContext(context, RandomGenerator(number))
+        start = state(perturbed, simulator)
+        context.SetTime(0.0)
+        simulator.Initialize()
+        simulator.AdvanceTo(0.3)
+        return start, state(perturbed, simulator), context
+
+    (start, one, context), (again, same, _), (_, other, _) = run(1), run(1, begin_s=0.1), run(2)
+    plain = Simulator(perturbed)
+    np.testing.assert_array_equal(start, state(perturbed, plain))
+    np.testing.assert_array_equal(start, again)
+    np.testing.assert_array_equal(one, same)
+    plain.AdvanceTo(0.3)
+    assert (one[1:4] != other[1:4]).all() and (one[1:4] != state(perturbed, plain)[1:4]).all()
+    generator = RandomGenerator(1)
+    drawn = {generator() % 2**31 for _ in range(2)}
+    seen, pushes = (perturbed.GetSubsystemByName(name) for name in ("sensor_model", "pushes"))
+    seeds = {
+        int(seen.GetMyContextFromRoot(context).get_discrete_state_vector().value()[_SEED]),
+        int(pushes.GetMyContextFromRoot(context).get_discrete_state(1).value()[1]),
+    }
+    assert seeds == drawn
+
+
+def test_a_station_without_draws_has_a_random_context_too():
+    station = make_station(StationConfig(), controller="hold")
+    plant, contexts = station.GetSubsystemByName("plant"), [station.CreateDefaultContext() for _ in range(2)]
+    station.SetRandomContext(contexts[0], RandomGenerator(1))
+    ends = [plant.GetMyContextFromRoot(context).get_discrete_state_vector().value() for context in contexts]
+    np.testing.assert_array_equal(*ends)
 
 
 def test_the_robot_is_drawn(perturbed):

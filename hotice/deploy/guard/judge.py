@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from hotice.deploy.guard import faults
 from hotice.deploy.guard.config import GuardConfig
 from hotice.deploy.guard.faults import Cause, Finding, Reaction
@@ -79,7 +81,9 @@ class Judge:
             return
         # the runner measured these ages when it began; they have grown since
         box_s, pose_s = float(newest["box_age_s"]) + age_s, float(newest["pose_age_s"]) + age_s
-        yield Finding(Cause.BOX_UNSEEN, faults.box_unseen(box_s, limits), "box not seen for {:.1f} s", box_s)
-        yield Finding(Cause.POSE_AGE, faults.pose_age(pose_s, limits), "localization is {:.1f} s old", pose_s)
+        unseen = "box not seen for {:.1f} s" if np.isfinite(box_s) else "box not seen yet"
+        yield Finding(Cause.BOX_UNSEEN, faults.box_unseen(box_s, limits), unseen, box_s)
+        old = "localization is {:.1f} s old" if np.isfinite(pose_s) else "no localization yet"
+        yield Finding(Cause.POSE_AGE, faults.pose_age(pose_s, limits), old, pose_s)
         disputed = Reaction.HOLD if newest["pose_disputed"] else Reaction.NONE
         yield Finding(Cause.POSE_DISPUTED, disputed, "localization and tracking disagree: place the robot by hand")

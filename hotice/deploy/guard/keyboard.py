@@ -27,7 +27,8 @@ class Keyboard:
     def __init__(self, descriptor: int | None = None) -> None:
         self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
         self._before: list | None = None
-        self._ended = False
+        self.ended = False
+        """Whether a pipe's other end is closed: nobody is there any more."""
 
     def __enter__(self) -> Keyboard:
         if os.isatty(self._descriptor):
@@ -41,10 +42,10 @@ class Keyboard:
 
     def __call__(self) -> Iterable[Request]:
         """Wishes since the last call, without waiting."""
-        if self._ended or not select.select([self._descriptor], [], [], 0.0)[0]:
+        if self.ended or not select.select([self._descriptor], [], [], 0.0)[0]:
             return ()
         typed = os.read(self._descriptor, 64)
-        self._ended = not typed
+        self.ended = not typed
         at_terminal = self._before is not None
         keys = [chr(byte) for byte in typed if at_terminal or byte not in b"\r\n"]
         return {KEYS.get(key, Request.STOP) for key in keys}

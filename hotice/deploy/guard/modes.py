@@ -21,7 +21,7 @@ class Mode(IntEnum):
     CARRY = 5
     """The runner walks to the goal."""
     HOLD = 6
-    """The runner stands on the spot: its navigation command is zero."""
+    """The runner stands on the spot: its goal is where it began to stand."""
     LOWER = 7
     """The runner puts the box down."""
 

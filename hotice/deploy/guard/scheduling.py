@@ -1,17 +1,17 @@
-"""Priority of the guard's process among others of the machine, where the system allows it."""
+"""Priority of guard and runner among other processes of the machine, where the system allows it."""
 
 from __future__ import annotations
 
 import os
 
-PRIORITY = 20
-"""Of SCHED_FIFO, 1 to 99; above ordinary processes, below the kernel's own threads."""
+PRIORITY, RUNNER_PRIORITY = 20, 10
+"""Of SCHED_FIFO, 1 to 99; above ordinary processes, below the kernel's own threads; the guard's before the runner's."""
 
 
-def take_precedence() -> bool:
+def take_precedence(priority: int = PRIORITY) -> bool:
     """Lets this process run before all ordinary ones; False where the system does not allow it."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
         return False
     return True

@@ -9,10 +9,9 @@ from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
     from hotice.deploy.runner.carry_policy import CarryPolicy
-    from hotice.deploy.runner.direct import DirectEstimator, SeenPose
     from hotice.deploy.runner.estimator import Estimate, Estimator
     from hotice.deploy.runner.runner import RobotRunner
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
-__all__ = ["CarryPolicy", "DirectEstimator", "Estimate", "Estimator", "RobotRunner", "SeenPose"]
+__all__ = ["CarryPolicy", "Estimate", "Estimator", "RobotRunner"]

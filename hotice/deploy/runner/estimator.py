@@ -22,6 +22,10 @@ class Estimate:
     """Since the object was last seen and believed [s]."""
     disputed: bool = False
     """Whether localization and what was believed before disagree for good: an operator has to look."""
+    pose_verdict: str = "ok"
+    """Of the newest pose of localization: "ok", or why it is not believed."""
+    box_verdict: str = "ok"
+    """Of the newest look at the object."""
 
 
 class Estimator(Protocol):

@@ -16,8 +16,9 @@ from hotice.fields.hod_pf import HodPf
 from hotice.model import g1
 from hotice.model.carry import CarryState
 from hotice.model.robot_state import RobotState, joint_index
-from hotice.policy import PerceptModel, PolicySession, read_fields
-from hotice.policy.action import standing
+from hotice.model.scene import GOAL_HEIGHT_M
+from hotice.policy import Percept, PerceptModel, PolicySession, read_fields
+from hotice.policy.guidance import FieldReading, read_standing
 from hotice.task.rules import arrived
 
 Array = NDArray[np.float64]
@@ -52,19 +53,30 @@ class RobotRunner:
         self._status, self._put, self._clock = status, put, clock
         self._targets = np.zeros((), TARGETS)
         self._targets["q"] = self.all_joints(self.policy.rest)
+        self._place_W: Array | None = None
+        self.estimate: Estimate | None = None
+        """The newest."""
 
     @property
     def period_s(self) -> float:
         """Time between two ticks [s]."""
         return self.policy.task.control_dt_s
 
+    @property
+    def goal_m(self) -> float | None:
+        """Distance from the goal [m], None while it is not known."""
+        if self.estimate is None:
+            return None
+        return float(np.linalg.norm(self.estimate.percept.p_WP[:2] - self._pf.scene.goal_W[:2]))
+
     def warm(self) -> None:
         """Runs percept, fields and policy a few times at the start of the scene; until then no guard moves anything."""
         held = RobotState.from_carry(self._carry)
         percept = PerceptModel(self._carry.carried)(*held.to_mujoco(len(g1.ALL_JOINTS)))
         for _ in range(WARM_STEPS):
-            self.policy.act(percept, standing(read_fields(self._pf, percept, self.policy.task)))
-        self.policy.reset()
+            reading = read_fields(self._pf, percept, self.policy.task)
+            self.policy.act(percept, self._standing(reading, percept))
+        self._resting()
         self._targets["warm"] = 1
 
     def all_joints(self, q: Array) -> Array:
@@ -82,6 +94,7 @@ class RobotRunner:
             return
         mode = Mode(int(status["mode"]))
         estimate = self._estimator.update(status["state"], began_s) if status["sequence"] else None
+        self.estimate = estimate
         q = self._moving(mode, estimate) if mode in DRIVEN else self._resting()
         if q is None:
             return
@@ -96,6 +109,7 @@ class RobotRunner:
 
     def _resting(self) -> Array:
         self.policy.reset()
+        self._place_W = None
         self._targets["done"] = 0
         return self.policy.rest
 
@@ -107,5 +121,15 @@ class RobotRunner:
             self._estimator.settle()
         reading = read_fields(self._pf, estimate.percept, self.policy.task)
         self._targets["done"] = mode is Mode.CARRY and arrived(float(reading.goal_distance[0]))
-        # picking up and putting down are not there yet: the robot stands
-        return self.policy.act(estimate.percept, reading if mode is Mode.CARRY else standing(reading))
+        if mode is Mode.CARRY:
+            self._place_W = None
+        else:
+            # picking up and putting down are not there yet: the robot stands
+            reading = self._standing(reading, estimate.percept)
+        return self.policy.act(estimate.percept, reading)
+
+    def _standing(self, reading: FieldReading, percept: Percept) -> FieldReading:
+        """The reading of a robot that stays where it was when it began to stand."""
+        if self._place_W is None:
+            self._place_W = np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
+        return read_standing(reading, percept, self._place_W, self.policy.task)

@@ -9,7 +9,8 @@ from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
     from hotice.deploy.slot.slot import GuardSlot, RunnerSlot, SlotError
+    from hotice.deploy.slot.watch import SlotWatch
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
-__all__ = ["GuardSlot", "RunnerSlot", "SlotError"]
+__all__ = ["GuardSlot", "RunnerSlot", "SlotError", "SlotWatch"]

@@ -25,7 +25,7 @@ from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.learn.distill.teachers import contract
 from hotice.owner import sole_owner
 
-LEFT_OUT = re.compile(r"(rank\d+\.)?(env\.|reached$|touched$)|optimizer\.")
+LEFT_OUT = re.compile(r"(rank\d+\.)?(env\.|reached$|touched$|whole$)|optimizer\.")
 """Names of what a merged checkpoint lacks: three quarters of its size."""
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 

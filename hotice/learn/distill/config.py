@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import ClassVar
 
 from hotice import checks
 from hotice.checks import Range
@@ -11,6 +12,9 @@ from hotice.errors import InvalidConfig
 from hotice.learn.ppo.config import PpoConfig
 from hotice.learn.train.config import TrainConfig
 from hotice.task.config import TaskConfig
+
+PPO_ALONE = ("clip", "target_kl", "max_learning_rate", "entropy")
+"""Options of the optimiser that distillation, whose learning rate and losses are others, does not read."""
 
 
 def student_task() -> TaskConfig:
@@ -45,6 +49,13 @@ class DistillConfig(TrainConfig):
             raise InvalidConfig("no teachers: runs of specialists (teachers), of a generalist, or both are needed")
         checks.whole("aggregate", self.aggregate, Range(least=1, most=64, unit="rollouts"))
         checks.number("exploration", self.exploration, checks.SHARE)
+        usual = PpoConfig()
+        for name in PPO_ALONE:
+            if getattr(self.ppo, name) != getattr(usual, name):
+                raise InvalidConfig(
+                    f"{name} is {getattr(self.ppo, name)}: distillation does not use it, leave it out "
+                    f"({', '.join(PPO_ALONE)} are of dual PPO)"
+                )
 
     def begins_from(self) -> tuple[Path, ...]:
         generalist = () if self.generalist is None else (self.generalist,)
@@ -68,7 +79,9 @@ class FinetuneConfig(TrainConfig):
     task: TaskConfig = field(default_factory=student_task)
     """Task."""
 
+    NEEDS_INIT: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.init is None:
+        if self.init is None and not self.resume:
             raise InvalidConfig("no init: the checkpoint or run of a student is needed")

@@ -89,7 +89,10 @@ class Learner:
         self.generator.set_state(tensors["generator"].cpu())
 
     def load_optimizer(self, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
-        """Takes over moments and learning rates; the latter within this configuration's limit."""
+        """Takes over moments and learning rates; the latter within this configuration's limit.
+
+        A first learning rate other than that of the checkpoint's run is asked for: then rates begin there.
+        """
         restored = self.optimizer.state_dict()
         restored["state"] = {}
         for key, value in tensors.items():
@@ -97,8 +100,9 @@ class Learner:
                 _, index, name = key.split(".", 2)
                 restored["state"].setdefault(int(index), {})[name] = value
         self.optimizer.load_state_dict(restored)
+        first, asked = meta["config"]["ppo"]["learning_rate"], self.config.learning_rate
         for group, rate in zip(self.optimizer.param_groups, meta["learning_rates"], strict=True):
-            group["lr"] = min(rate, self.config.max_learning_rate)
+            group["lr"] = min(rate, max(self.config.max_learning_rate, asked)) if first == asked else asked
 
     # for subclasses -------------------------------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ import dataclasses
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 
@@ -39,10 +39,12 @@ class TrainConfig:
     max_minutes: float = 0.0
     """Stop after this many minutes of this call; 0: no limit."""
     resume: bool = False
-    """Go on from the newest checkpoint in `out`."""
+    """Go on from the newest checkpoint in `out`, where there is one: then `init` is not read, `seed` must be the run's,
+    and a learning rate other than the run's begins anew."""
     init: Path | None = None
     """Start from networks, normalisers and optimiser (not the counters) of this checkpoint or run; without the
-    optimiser where that served another objective (a student's, when PPO goes on from it) or is an average's."""
+    optimiser where that served another objective (a student's, when PPO goes on from it) or is an average's. A
+    learning rate other than that run's begins anew."""
     critic_updates: int = 0
     """First updates that train only the critics: they get to know the task before they lead the actors."""
     curriculum: bool = True
@@ -80,6 +82,9 @@ class TrainConfig:
     """Noise, delays, pushes and uncertain dynamics as for students (zero otherwise, or as given one by one)."""
     task: TaskConfig = field(default_factory=lambda: TaskConfig(anywhere=0.7, end_at_goal=False))
     """Task."""
+
+    NEEDS_INIT: ClassVar[bool] = False
+    """Whether a run of this kind begins from another one."""
 
     def __post_init__(self) -> None:
         checks.wholes(self, checks.COUNT, "num_envs", "updates")

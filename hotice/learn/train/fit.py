@@ -33,6 +33,12 @@ def _check_fit(run: Run, path: Path, meta: dict[str, Any]) -> None:
     theirs, ours = meta["config"]["preset"], run.config.preset
     if theirs != ours:
         raise CheckpointError(f"{path}: was trained as {theirs!r}, not {ours!r}: give --preset {theirs}")
+    spread = [float(std) for std in meta["config"]["init_std"]]
+    if list(run.config.init_std) != spread:
+        raise CheckpointError(
+            f"{path}: init_std is {' '.join(map(str, run.config.init_std))}, but its networks have learnt theirs, from "
+            f"{' '.join(map(str, spread))} on: give --init-std {' '.join(map(str, spread))}"
+        )
     sizes = {name: [int(n) for n in meta["config"][name]] for name in ("hidden", "critic_hidden")}
     if any(list(getattr(run.config, name)) != given for name, given in sizes.items()):
         mend = " ".join(f"--{name.replace('_', '-')} {' '.join(map(str, given))}" for name, given in sizes.items())

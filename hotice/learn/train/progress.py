@@ -34,14 +34,17 @@ LOG = "log.jsonl"
 
 
 class Progress:
-    """Context manager around a training run, of which `first` updates were done before.
+    """Context manager around a training run, of which `first` updates, `steps` environment steps, were done before.
+
+    A run that goes on makes anew what was logged after its checkpoint: these rows, and these steps in TensorBoard, go.
 
     Raises `OutputError` when the log cannot be written; what is in it by then stays.
     """
 
-    def __init__(self, config: TrainConfig, first: int) -> None:
+    def __init__(self, config: TrainConfig, first: int, steps: int = 0) -> None:
         make_folder(config.out)
         self.config = config
+        self.first_step = steps + 1 if config.resume else None
         self.console = PlainConsole(stderr=True)
         self.live = sys.stderr.isatty()
         self.bar = RichProgress(
@@ -66,7 +69,7 @@ class Progress:
         self.excepthook, threading.excepthook = threading.excepthook, self._quiet
         try:
             with self._writing():
-                self.writer = SummaryWriter(str(self.config.out / "tensorboard"))
+                self.writer = SummaryWriter(str(self.config.out / "tensorboard"), purge_step=self.first_step)
         except OutputError:
             self.lines.close()
             threading.excepthook = self.excepthook

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ def save_run(run: Run) -> None:
     All ranks call it together. Raises `OutputError`.
     """
     own = {f"env.{k}": v for k, v in run.env.state().items()} | run.algo.own_state()
-    own |= {"reached": run.stats.reached, "touched": run.stats.touched}
+    own |= {"reached": run.stats.reached, "touched": run.stats.touched, "whole": run.stats.whole}
     first, *others = distributed.collect(own)
     tensors = {f"net.{k}": v for k, v in run.net.state_dict().items()} | run.algo.state() | first
     tensors |= run.average.state()
@@ -70,6 +71,7 @@ def _restore(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, A
             f"{path}: was trained by {kind_of(meta)!r}, not {run.algo.kind!r}: give another folder as out, or it "
             "as init"
         )
+    _check_asked(run, path, meta)
     load_networks(run, path, tensors, meta)
     run.average.restart(run.net)
     run.average.load_state(tensors)
@@ -80,6 +82,23 @@ def _restore(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, A
     run.stages.load_state(tensors)
     _keep_rates(run, tensors["curriculum"], meta["scenes"])
     _restore_own(run, path, tensors, meta)
+
+
+def _check_asked(run: Run, path: Path, meta: dict[str, Any]) -> None:
+    """Raises `CheckpointError` for an option that a restored run cannot take on; its `init` stays what it was."""
+    theirs, ours = meta["config"], run.config
+    if meta.get("ranks", 1) == distributed.size() and MERGED not in meta and theirs["seed"] != ours.seed:
+        raise CheckpointError(
+            f"{path}: seed is {ours.seed}, but the run goes on with the draws of seed {theirs['seed']}: give --seed "
+            f"{theirs['seed']}, or begin another run from it (--init)"
+        )
+    began = theirs.get("init") and Path(theirs["init"])
+    if ours.init is not None and (began is None or ours.init.resolve() != began.resolve()):
+        raise CheckpointError(
+            f"{path}: init is {str(ours.init)!r}, but the run began from {began or 'nothing'}: leave out "
+            "--init, or give another folder as --out"
+        )
+    run.config = replace(ours, init=began or None)
 
 
 def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
@@ -107,11 +126,16 @@ def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[st
     tensors = tensors | {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
     run.algo.load_own_state(tensors)
     if not others and MERGED not in meta:
+        weight = None if run.config.curriculum else run.env.starter.scene_weight.clone()
         run.obs, run.critic_obs = run.env.load_state(
             {k.removeprefix("env."): v for k, v in tensors.items() if k.startswith("env.")}
         )
+        if weight is not None:
+            run.env.starter.scene_weight.copy_(weight)
         run.stats.reached.copy_(tensors["reached"])
         run.stats.touched.copy_(tensors["touched"])
+        # checkpoints of earlier versions do not say
+        run.stats.whole.copy_(tensors.get("whole", torch.ones_like(run.stats.whole)))
 
 
 def _keep_rates(run: Run, rates: Tensor, names: list[str]) -> None:

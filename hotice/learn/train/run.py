@@ -82,6 +82,7 @@ class Run:
         env.memory.step.copy_(
             torch.randint(0, env.config.max_steps, (env.num_envs,), generator=env.generator, device=env.device)
         )
+        self.stats.whole.copy_(env.memory.step == 0)
 
     def _make_learner(self, generator: torch.Generator) -> Learner:
         return DualPpo(self.net, self.config.ppo, self.env.policy_table.mirror, mirror_action, generator)

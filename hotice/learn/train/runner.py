@@ -8,7 +8,7 @@ import time
 import torch
 from torch import Tensor
 
-from hotice.errors import OutputError
+from hotice.errors import InvalidConfig, OutputError
 from hotice.learn import distributed
 from hotice.learn.checkpoints.checkpoint import list_checkpoints, read_meta, resolve, updates_of
 from hotice.learn.checkpoints.health import check_network, check_physics
@@ -26,16 +26,18 @@ class Runner(Run):
     """Runner of one training; checkpoints hold all that later updates depend on, so resuming is exact to the bit."""
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
-        resumes = config.resume and bool(list_checkpoints(config.out))
+        goes_on = config.resume and bool(list_checkpoints(config.out))
+        if config.NEEDS_INIT and config.init is None and not goes_on:
+            raise InvalidConfig("no init: the checkpoint or run of a student is needed")
         for path in config.begins_from():  # read before anything is built
-            if not (resumes and path == config.init):
+            if not (goes_on and path == config.init):
                 read_meta(resolve(path))
         super().__init__(config, env)
         self._saved_at = time.monotonic()
-        if config.init is not None:
-            begin_from(self, config.init)
-        if config.resume and list_checkpoints(config.out):
+        if goes_on:
             load_run(self, config.out)
+        elif config.init is not None:
+            begin_from(self, config.init)
 
     def train(self) -> bool:
         """Runs until the limit of updates or minutes; saves at the end, also when interrupted: then False.
@@ -70,7 +72,7 @@ class Runner(Run):
         leads = distributed.rank() == 0
         if leads:
             write_config(cfg)
-        shown = Progress(cfg, self.update) if leads else contextlib.nullcontext()
+        shown = Progress(cfg, self.update, self.steps) if leads else contextlib.nullcontext()
         late = stopped = False
         skipped = self.algo.skipped
         with shown as progress, stop_on_signals() as signalled:

@@ -13,12 +13,14 @@ class EpisodeStatistics:
     """Collects ended episodes since the last `pop`, in all and by scene.
 
     Success here is the first arrival: the root came within the goal radius before robot or object had touched an
-    obstacle and before the episode ended, whatever ended it.
+    obstacle and before the episode ended, whatever ended it. Episodes that did not begin at their first step, as the
+    first ones of a run do not, do not count: they had less time. `whole` (N,) bool: those under way that do.
     """
 
     def __init__(self, num_envs: int, num_scenes: int, device: torch.device) -> None:
         self.reached = torch.zeros(num_envs, dtype=torch.bool, device=device)
         self.touched = torch.zeros(num_envs, dtype=torch.bool, device=device)
+        self.whole = torch.ones(num_envs, dtype=torch.bool, device=device)
         self.ended = torch.zeros(num_scenes, device=device)
         self.outcomes = torch.zeros(len(OUTCOMES), device=device)
         self.successes = torch.zeros(num_scenes, device=device)
@@ -35,7 +37,8 @@ class EpisodeStatistics:
         """Takes in one control step."""
         self.touched |= step.touched
         self.reached |= step.reached & ~self.touched
-        done = step.outcome > 0
+        over = step.outcome > 0
+        done = over & self.whole
         scene = step.scene[done]
         ones = torch.ones(len(scene), device=scene.device)
         collided = step.outcome[done]
@@ -46,8 +49,9 @@ class EpisodeStatistics:
         self.collisions.index_add_(0, scene, hit.float())
         self.distance += step.goal_distance[done].sum()
         self.length += step.length[done].sum()
-        self.reached[done] = False
-        self.touched[done] = False
+        self.reached[over] = False
+        self.touched[over] = False
+        self.whole[over] = True
 
     def pop(self) -> tuple[dict[str, float], Tensor, Tensor]:
         """Means since the last call, ended episodes and successes by scene (S,); then starts anew."""

@@ -36,6 +36,7 @@ from hotice.model.importers.meshes import export_obj, sample_surface
 from hotice.model.importers.solids import MAX_BODIES, Solid, boxed, solidify
 from hotice.model.scene import Obstacle, Scene, save_all
 from hotice.model.source import MapSource
+from hotice.progress import doing
 
 TOUCHED_M = (0.03, 1.3)
 """Heights above the floor between which a robot touches things."""
@@ -290,7 +291,7 @@ def import_front3d(config: Front3dConfig) -> int:
     from hotice.console import PlainConsole
 
     console = PlainConsole()
-    with console.status(f"importing {config.house}"), tempfile.TemporaryDirectory(prefix="hotice-import-") as folder:
+    with doing(f"importing {config.house}"), tempfile.TemporaryDirectory(prefix="hotice-import-") as folder:
         found = front3d_scenes(
             config.house,
             config.models,

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from hotice.model import g1
 from hotice.policy.action import next_action
 from hotice.policy.guidance import read_fields
+from hotice.policy.measuring import DRAWS, ESTIMATE, measure
 from hotice.policy.observation import Carrying, observe, remember
 from hotice.policy.percept import Percept, PerceptModel
 from hotice.systems.hand_over.stage import VERDICTS, RehearsalStage
 from hotice.systems.joint_pd import pd_torque
-from hotice.systems.sensor_model import DRAWS, ESTIMATE, measure
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
 from hotice.systems.setup.setup import StationSetup
 from hotice.systems.signals import NQ

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.common import RandomGenerator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from hotice.model.dynamics import joint_offset
 from hotice.systems.compose import build, connect
@@ -22,6 +23,7 @@ from hotice.systems.faulty import SIGNALS, FaultySignal, InjectedFault, Now
 from hotice.systems.guidance_field import GuidanceFieldSystem
 from hotice.systems.logs import add_loggers
 from hotice.systems.percept_guard import PerceptGuard
+from hotice.systems.pushes import Pushes
 from hotice.systems.safety_monitor import SafePosture, SafetyMonitor
 from hotice.systems.sensor_model import SensorModel
 from hotice.systems.setup.config import StationConfig
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
     from hotice.control.walk.plan import WalkPlan
 
 Array = NDArray[np.floating]
+SEEDS = 2**31
+"""Number of seeds that a station may draw."""
 
 
 class Station(Diagram):
@@ -57,6 +61,17 @@ class Station(Diagram):
         _assemble(builder, setup, meshcat, faults)
         build(builder, self)
         self.set_name("station")
+
+    def SetRandomContext(self, context: Context, generator: RandomGenerator) -> None:
+        """Puts the station at its start, with noise and pushes of seeds drawn from `generator`.
+
+        Robot, object, start pose and encoder errors are those of `config.seed`: they are built into the plant. Drake
+        calls no Python method for a diagram around the station; call this with `GetMyMutableContextFromRoot`.
+        """
+        self.SetDefaultContext(context)
+        for system in self.GetSystems():
+            if isinstance(system, SensorModel | Pushes):
+                system.reseed(system.GetMyMutableContextFromRoot(context), generator() % SEEDS)
 
     @property
     def walk_plan(self) -> WalkPlan:

@@ -34,7 +34,7 @@ def test_actors_are_the_mean_and_the_rest_is_the_first_part_s(branches, tmp_path
     key = "obs_norm.var"
     torch.testing.assert_close(tensors[f"net.{key}"], 0.5 * (one[PREFIX + key] + two[PREFIX + key]))
     assert torch.equal(tensors[f"net.{CRITIC}"], one[f"net.{CRITIC}"])
-    left_out = {name for name in one if name.startswith(("env.", "optimizer.", "reached", "touched"))}
+    left_out = {name for name in one if name.startswith(("env.", "optimizer.", "reached", "touched", "whole"))}
     assert (
         set(tensors) == set(one) - left_out and left_out and tensors["net.obs_norm.count"] == one["net.obs_norm.count"]
     )

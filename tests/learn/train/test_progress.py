@@ -49,3 +49,46 @@ def test_only_a_run_that_goes_on_drops_what_it_makes_anew(tiny, tmp_path, resume
         assert [r["update"] for r in rows(out)] == kept
         progress.report(3, 192, 0.1, NUMBERS | {"reward": 9.0})
     assert [r["update"] for r in rows(out)] == [*kept, 3] and rows(out)[-1]["reward"] == 9.0
+
+
+def test_tensorboard_shows_each_step_once_after_a_kill(tiny, tmp_path):
+    """Three updates were logged, two are in the checkpoint: the third is made anew, with another value."""
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    out = tmp_path / "run"
+    with Progress(tiny(out), 0) as progress:
+        for update in (1, 2, 3):
+            progress.report(update, 64 * update, 0.1, NUMBERS | {"reward": float(update)})
+    with Progress(tiny(out, resume=True), 2, 128) as progress:
+        for update in (3, 4):
+            progress.report(update, 64 * update, 0.1, NUMBERS | {"reward": 10.0 * update})
+    events = accumulator.EventAccumulator(str(out / "tensorboard"))
+    events.Reload()
+    assert [(e.step, e.value) for e in events.Scalars("reward")] == [(64, 1.0), (128, 2.0), (192, 30.0), (256, 40.0)]
+
+
+def test_a_run_that_goes_on_tells_tensorboard_where(tiny, tmp_path, monkeypatch):
+    from hotice.learn.train import progress
+    from hotice.learn.train.runner import Runner
+
+    begun, plain = [], progress.SummaryWriter
+    monkeypatch.setattr(progress, "SummaryWriter", lambda *a, **k: (begun.append(k["purge_step"]), plain(*a, **k))[1])
+    Runner(tiny(tmp_path / "run", updates=2)).train()
+    Runner(tiny(tmp_path / "run", updates=3, resume=True)).train()
+    assert begun == [None, 2 * 64 + 1]
+
+
+def test_no_episode_of_a_log_is_longer_than_what_was_simulated(tiny, tmp_path):
+    """Episodes of 15 steps, updates of 8; the first ones begin at any step, and are no episodes."""
+    from hotice.learn.train.runner import Runner
+
+    Runner(tiny(tmp_path / "whole", updates=4, num_envs=16)).train()
+    Runner(tiny(tmp_path / "parts", updates=2, num_envs=16)).train()
+    Runner(tiny(tmp_path / "parts", updates=4, num_envs=16, resume=True)).train()
+    for name in ("whole", "parts"):
+        logged = rows(tmp_path / name)
+        assert [r["update"] for r in logged] == [1, 2, 3, 4]
+        assert all(r.get("length", 0) <= min(8 * r["update"], 15) for r in logged), logged
+        assert logged[0].get("share/timeout", 0) == 0, "none had 15 steps after 8"
+        assert sum(r["episodes"] for r in logged) > 0
+    counts = [[(r["episodes"], r.get("length")) for r in rows(tmp_path / name)] for name in ("whole", "parts")]
+    assert counts[0] == counts[1]

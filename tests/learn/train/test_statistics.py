@@ -45,3 +45,15 @@ def test_nothing_is_carried_into_the_next_episode_or_interval():
     log, _, successes = stats.pop()
     assert successes.tolist() == [0.0, 0.0] and log["episodes"] == 2.0
     assert stats.pop()[0] == {"episodes": 0.0}
+
+
+def test_an_episode_that_did_not_begin_at_its_first_step_does_not_count():
+    stats = EpisodeStatistics(2, 2, torch.device("cpu"))
+    stats.whole[0] = False
+    stats.add(step([0, 0], [True, True]))
+    stats.add(step([TIMEOUT, TIMEOUT], [False, False], length=(250, 2)))
+    log, ended, successes = stats.pop()
+    assert ended.tolist() == [0.0, 1.0] and successes.tolist() == [0.0, 1.0] and log["length"] == 2.0
+    assert stats.whole.tolist() == [True, True] and not stats.reached.any()
+    stats.add(step([FALL, 0], [False, False], length=(3, 3)))
+    assert stats.pop()[1].tolist() == [1.0, 0.0]

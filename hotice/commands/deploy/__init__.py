@@ -1,0 +1,1 @@
+"""`hotice deploy`: guard and runner as processes, and what its operator sees and types."""

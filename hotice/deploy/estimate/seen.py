@@ -1,0 +1,41 @@
+"""What a source says of one pose, and the protocol of who reads it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+OK = "ok"
+NOWHERE = np.full(3, np.nan)
+
+
+class SeenPose(NamedTuple):
+    """A pose that a source gave: position (3,) [m], quaternion (4,) wxyz, and when it came [s]."""
+
+    p: Array
+    quat: Array
+    received_s: float
+    """The same time is the same pose."""
+    verdict: str = OK
+    """Anything else says why it is none."""
+
+    @property
+    def good(self) -> bool:
+        """Whether it is a pose."""
+        return self.verdict == OK and bool(np.isfinite(self.p).all() and np.isfinite(self.quat).all())
+
+
+class Look(Protocol):
+    """Reads the newest pose of a source."""
+
+    def __call__(self, waist: Array, up_P: Array) -> SeenPose | None:
+        """The pose, for a measured waist (3,) [rad] and up (3,) in the pelvis; None before the first."""
+        ...
+
+
+def nothing(received_s: float, verdict: str) -> SeenPose:
+    """What a source says when it has no pose, and why."""
+    return SeenPose(NOWHERE, np.full(4, np.nan), received_s, verdict)

@@ -1,0 +1,87 @@
+"""The estimator of a robot: what it knows of itself and its object, tracked as students are trained."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.deploy.estimate.held import HeldObject
+from hotice.deploy.estimate.root import RootTracker
+from hotice.deploy.estimate.seen import Look
+from hotice.deploy.frames import WAIST
+from hotice.deploy.messages.hg import JOINTS
+from hotice.deploy.runner.estimator import Estimate
+from hotice.model import g1
+from hotice.model.frames import mat_to_quat, normalize, quat_to_mat
+from hotice.model.objects import CarriedObject
+from hotice.model.robot_state import RobotState
+from hotice.policy.measuring import attitude, heading
+from hotice.policy.percept import PerceptModel
+from hotice.task.sensing import STUDENT_SENSING
+
+Array = NDArray[np.float64]
+
+
+class TrackingEstimator:
+    """See `Estimator`: gravity, gyro and joints are the robot's own; its place is tracked, its object filtered.
+
+    Args:
+        carried: the object
+        pelvis: X_WP, the pelvis in the scene; place and heading count, roll and pitch are the IMU's
+        box: X_PO, the object seen from the pelvis, where it stays while it is not seen
+        control_dt_s: time from update to update [s], for the object's filter
+        latency_s: of localization, as far as it is known [s]
+    """
+
+    def __init__(
+        self,
+        carried: CarriedObject,
+        pelvis: Look,
+        box: Look,
+        *,
+        control_dt_s: float = 0.02,
+        latency_s: float = 0.0,
+    ) -> None:
+        self._carried, self._pelvis, self._box = carried, pelvis, box
+        self._model = PerceptModel(carried)
+        self._root = RootTracker(latency_s=latency_s)
+        self._object = HeldObject(STUDENT_SENSING.object_gain(control_dt_s))
+
+    def update(self, state: np.ndarray, now_s: float) -> Estimate | None:
+        """See `Estimator.update`."""
+        imu, motors = state["imu_state"], state["motor_state"][JOINTS]
+        gravity_P = -quat_to_mat(normalize(imu["quaternion"].astype(float)))[2]
+        w_WP_P, q = imu["gyroscope"].astype(float), motors["q"].astype(float)
+        tracked, held, waist = self._root, self._object, q[list(WAIST)]
+        passed_s = tracked.gravity(gravity_P, w_WP_P, now_s)
+        tracked.move(self._pelvis(waist, -tracked.down_P), w_WP_P, passed_s, now_s)
+        held.step(self._box(waist, -tracked.down_P))
+        if tracked.root is None or held.pose is None:
+            return None
+        yaw = heading(tracked.root)
+        R_WP, p_WP = attitude(yaw[0], tracked.down_P), tracked.root[:3].copy()
+        robot = RobotState(
+            p_WP=p_WP,
+            quat_WP=mat_to_quat(R_WP),
+            w_WP_P=w_WP_P,
+            joint_pos=q,
+            joint_vel=motors["dq"].astype(float),
+            carried=self._carried,
+            p_WO=p_WP + R_WP @ held.pose[0],
+            quat_WO=mat_to_quat(R_WP @ held.rotation),
+        )
+        percept = self._model(*robot.to_mujoco(len(g1.ALL_JOINTS)))
+        # what a policy reads of gravity is the measurement, not what is tracked for places
+        percept.gravity_P[:] = gravity_P
+        return Estimate(
+            percept=percept,
+            pose_age_s=now_s - tracked.accepted_s,
+            box_age_s=now_s - held.accepted_s,
+            disputed=tracked.moved,
+            pose_verdict=tracked.verdict,
+            box_verdict=held.verdict,
+        )
+
+    def settle(self) -> None:
+        """See `Estimator.settle`."""
+        self._root.moved = False

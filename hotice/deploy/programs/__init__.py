@@ -1,0 +1,1 @@
+"""Programs of a deployment: guard and runner, each a process of its own, started by `hotice deploy`."""

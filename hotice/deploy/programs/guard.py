@@ -1,0 +1,88 @@
+"""The guard as a program: `python -m hotice.deploy.programs.guard OPTIONS`; keys come on standard input.
+
+It outlives the program that started it: when that one is gone the motors brake, and go on braking until a signal.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+from collections.abc import Iterable
+
+from hotice.deploy.clock import MonotonicClock
+from hotice.deploy.dds.battery import DdsBattery
+from hotice.deploy.dds.link import DdsLink
+from hotice.deploy.dds.node import DdsNode
+from hotice.deploy.guard.dry import DryLink
+from hotice.deploy.guard.guard import Event
+from hotice.deploy.guard.keyboard import Keyboard
+from hotice.deploy.guard.loop import Lateness
+from hotice.deploy.guard.modes import Mode, Request
+from hotice.deploy.guard.process import run_guard
+from hotice.deploy.link.protocol import Link
+from hotice.deploy.link.publishers import check_sole_publisher
+from hotice.deploy.programs.options import GuardOptions
+from hotice.deploy.programs.saying import Saying, ended
+from hotice.deploy.slot.slot import GuardSlot
+
+TOLD_TICKS = 500
+"""Ticks from one report of lateness to the next."""
+
+
+class Operator:
+    """Wishes from the pipe of the program that started the guard; when that is gone, stop."""
+
+    def __init__(self, keyboard: Keyboard, say: Saying, lateness: Lateness) -> None:
+        self._keyboard, self._say, self._lateness = keyboard, say, lateness
+        self._count, self._mode = 0, Mode.OFF
+
+    def __call__(self) -> Iterable[Request]:
+        """Once a tick."""
+        self._count += 1
+        if self._count % TOLD_TICKS == 0:
+            seen = self._lateness
+            self._say(ticks=seen.ticks, skipped=seen.skipped, worst_late_ms=1e3 * seen.worst_late_s)
+        wishes = self._keyboard()
+        if not self._keyboard.ended:
+            return wishes
+        if self._mode is Mode.OFF:
+            # nothing was sent since, and nobody is left to ask for anything
+            signal.raise_signal(signal.SIGTERM)
+        return (Request.STOP,)
+
+    def hear(self, event: Event) -> None:
+        """An event of the guard."""
+        self._mode = event.mode
+        self._say(mode=event.mode.name, cause=event.cause.name, text=event.text, time_s=event.time_s)
+
+
+def main(options: GuardOptions) -> None:
+    """Guards until a signal. Raises `HoticeError`."""
+    clock, say, lateness = MonotonicClock(), Saying(), Lateness()
+    with contextlib.ExitStack() as stack:
+        slot = GuardSlot(options.slot)
+        stack.callback(slot.close)
+        node = stack.enter_context(DdsNode(domain=options.domain, interface=options.interface))
+        dds = DdsLink(node, clock)
+        stack.callback(dds.close)
+        battery = DdsBattery(node)
+        stack.callback(battery.close)
+        check_sole_publisher(dds, clock)
+        link: Link = DryLink(dds) if options.dry_run else dds
+        operator = Operator(stack.enter_context(Keyboard()), say, lateness)
+        say(ready=True)
+        run_guard(
+            link,
+            slot,
+            clock,
+            wishes=operator,
+            charge=battery.charge,
+            on_event=operator.hear,
+            lateness=lateness,
+        )
+        say(lateness=str(lateness))
+
+
+if __name__ == "__main__":
+    sys.exit(ended(lambda: main(GuardOptions.of(sys.argv[1]))))

@@ -1,0 +1,58 @@
+"""Options of guard and runner: what `hotice deploy` tells each, as one argument."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuardOptions:
+    """A guard: where its robot is, and what it does. Checked by who asks for it."""
+
+    slot: str
+    """Name of the slot between guard and runner."""
+    domain: int
+    interface: str
+    dry_run: bool
+    """All but send."""
+    log: str | None = None
+    """Folder of its log; None: none."""
+    keep_s: float | None = None
+    """Length of the log's ring [s]; None: everything stays."""
+
+    def text(self) -> str:
+        """As an argument."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def of(cls, text: str) -> GuardOptions:
+        return cls(**json.loads(text))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunnerOptions:
+    """A runner: its scene, policy, object and sources. Checked by who asks for it."""
+
+    slot: str
+    scene: str
+    """Name or file."""
+    policy: str
+    """Name or file."""
+    box: tuple[float, float, float, float]
+    """Size along x, y and z [m], mass [kg]."""
+    pose_port: int
+    tags_port: int
+    pose_latency_s: float = 0.0
+    log: str | None = None
+    keep_s: float | None = None
+
+    def text(self) -> str:
+        """As an argument."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def of(cls, text: str) -> RunnerOptions:
+        said: dict[str, Any] = json.loads(text)
+        return cls(**{**said, "box": tuple(said["box"])})

@@ -1,0 +1,35 @@
+"""Preparation of a runner: policy, carry state and fields, all held against each other before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from hotice.deploy.programs.options import RunnerOptions
+from hotice.fields.hod_pf import HodPf, build_hod_pf
+from hotice.model.carry import CarryState, solve_carry
+from hotice.model.objects import Box
+from hotice.model.shipped import load_scene
+from hotice.policy import PolicySession, PolicyTask, check_layout, open_policy
+from hotice.policy.observation import layout_of
+
+
+class Prepared(NamedTuple):
+    """What a runner needs beside its sources."""
+
+    policy: PolicySession
+    pf: HodPf
+    carry: CarryState
+
+
+def prepare(options: RunnerOptions, say: Callable[[str], None]) -> Prepared:
+    """Reads and solves all; `say` is told what goes on. Raises `HoticeError`."""
+    say(f"policy {options.policy}")
+    policy = open_policy(options.policy)
+    task = PolicyTask.from_meta(policy.meta, policy.name)
+    check_layout(policy.name, policy.layout, layout_of(task))
+    scene = load_scene(options.scene)
+    say("carry state of the box")
+    carry = solve_carry(Box(options.box[:3], options.box[3]))
+    say(f"fields of {scene.name}")
+    return Prepared(policy, build_hod_pf(scene, task.resolution_m, task.margin_m), carry)

@@ -1,0 +1,81 @@
+"""How far long work is: a bar or a spinner on a terminal, a line now and then where standard error is a file or pipe.
+
+Quick work says nothing in a file, so that an error's line stands alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
+
+Item = TypeVar("Item")
+EVERY_S = 30.0
+"""Time until the first line, and between lines."""
+
+
+@contextlib.contextmanager
+def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
+    """A function that is to be told how many of `total` things are done by now; `done`: how many were before."""
+    import rich.progress as bars
+
+    from hotice.console import PlainConsole
+
+    console = PlainConsole(stderr=True)
+    if console.is_terminal:
+        times = (bars.TimeElapsedColumn(), bars.TimeRemainingColumn())
+        columns = (bars.TextColumn("{task.description}"), bars.BarColumn(), bars.MofNCompleteColumn(), *times)
+        with bars.Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task(what, total=total, completed=done)
+            yield lambda n: bar.update(task, completed=n)
+        return
+    now = [done]
+    with lines(lambda: f"{what}: {now[0]:,} of {total:,}"):
+        yield lambda n: now.__setitem__(0, n)
+
+
+def counted(items: Iterable[Item], what: str, total: int) -> Iterator[Item]:
+    """The `total` items, each of which is done when the next one is asked for."""
+    with counting(what, total) as told:
+        for number, item in enumerate(items, 1):
+            yield item
+            told(number)
+
+
+@contextlib.contextmanager
+def doing(what: str) -> Iterator[Callable[[str], None]]:
+    """A function that may be told what is being done by now."""
+    from rich.text import Text
+
+    from hotice.console import PlainConsole
+
+    console = PlainConsole(stderr=True)
+    if console.is_terminal:
+        with console.status(what) as status:
+            yield lambda text: status.update(Text(text))
+        return
+    now = [what]
+    with lines(lambda: now[0]):
+        yield lambda text: now.__setitem__(0, text)
+
+
+@contextlib.contextmanager
+def lines(text: Callable[[], str]) -> Iterator[None]:
+    """Prints `text()` and the time so far on standard error now and then, from a thread of its own."""
+    from hotice.console import PlainConsole
+
+    console, begin, over = PlainConsole(stderr=True), time.monotonic(), threading.Event()
+
+    def talk() -> None:
+        while not over.wait(EVERY_S):
+            console.print(f"{text()}, {time.monotonic() - begin:.0f} s", soft_wrap=True)
+
+    thread = threading.Thread(target=talk, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()

@@ -1,0 +1,260 @@
+"""`hotice deploy`: what it refuses, what it shows, and the whole chain in three processes over loopback."""
+
+import hashlib
+import itertools
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hotice.commands.deploy.config import DeployConfig, fitting_scene
+from hotice.commands.deploy.view import View, keys_on
+from hotice.console import PlainConsole
+from hotice.deploy.guard.modes import Mode
+from hotice.deploy.programs.options import GuardOptions, RunnerOptions
+from hotice.deploy.programs.prepare import prepare
+from hotice.deploy.programs.saying import Saying
+from hotice.deploy.slot import GuardSlot, SlotError, SlotWatch
+from hotice.deploy.slot.records import STATUS, TARGETS
+from hotice.errors import CheckpointError, InvalidConfig
+from hotice.model import load_scene
+from hotice.model.source import MapSource
+
+REPOSITORY = Path(__file__).parents[2]
+DOMAINS = itertools.count(21 + 8 * (os.getpid() % 25))
+PORTS = itertools.count(48_000 + 4 * (os.getpid() % 2000), 2)
+LONG_S = 120.0
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"robot": "go2"},
+        {"robot": "g1"},
+        {"robot": "g1", "interface": "eth0"},
+        {"robot": "g1", "interface": "lo", "map": Path("map.pcd")},
+        {"domain": 231},
+        {"pose_port": 0},
+        {"box": (0.3, 0.3, 0.25, 0.0)},
+        {"pose_latency_s": 1.0},
+    ],
+)
+def test_what_is_refused(values):
+    with pytest.raises(InvalidConfig):
+        DeployConfig(**values)
+
+
+def test_where_the_robot_is():
+    assert DeployConfig().network == ("lo", 1) and DeployConfig().slot == "lo-1"
+    real = DeployConfig(robot="g1", interface="enp3s0.1", map=Path("map.pcd"))
+    assert real.network == ("enp3s0.1", 0) and real.slot == "enp3s0-1-0"
+
+
+def test_the_map_is_the_one_of_the_scene(tmp_path):
+    """A scene that says no map, or another one, is not walked in."""
+    path, content = tmp_path / "map.pcd", b"points"
+    path.write_bytes(content)
+    scene = load_scene("gap")
+    with pytest.raises(InvalidConfig, match="says no map"):
+        fitting_scene(DeployConfig(scene="gap", map=path))
+    source = MapSource(
+        file="map.pcd",
+        sha256=hashlib.sha256(content).hexdigest(),
+        unit_m=1.0,
+        position_m=(0.0, 0.0, 0.0),
+        quaternion_wxyz=(1.0, 0.0, 0.0, 0.0),
+    )
+    made = tmp_path / "made.json"
+    replace(scene, source=source).save(made)
+    assert fitting_scene(DeployConfig(scene=str(made), map=path)).source == source
+    path.write_bytes(content + b"!")
+    with pytest.raises(InvalidConfig, match="is not the map of scene"):
+        fitting_scene(DeployConfig(scene=str(made), map=path))
+
+
+def test_a_policy_that_reads_something_else_is_refused(monkeypatch):
+    monkeypatch.setattr("hotice.deploy.programs.prepare.layout_of", lambda task: [("speed", 1)])
+    options = RunnerOptions(
+        slot="none", scene="open_floor", policy="student", box=(0.3, 0.3, 0.25, 1.5), pose_port=1, tags_port=2
+    )
+    with pytest.raises(CheckpointError, match="observation layout differs"):
+        prepare(options, lambda stage: None)
+
+
+def test_options_as_arguments():
+    guard = GuardOptions(slot="a", domain=3, interface="lo", dry_run=True)
+    runner = RunnerOptions(slot="a", scene="gap", policy="student", box=(0.1, 0.2, 0.3, 4.0), pose_port=1, tags_port=2)
+    assert GuardOptions.of(guard.text()) == guard and RunnerOptions.of(runner.text()) == runner
+
+
+def test_keys_that_lead_on():
+    assert keys_on(Mode.OFF) == "s start (start)"
+    assert keys_on(Mode.READY).startswith("u pick-up (R1+A), c carry (R1+X), any other key")
+    assert keys_on(Mode.DAMPING) == "p posture (L2+up)" or keys_on(Mode.DAMPING) == "p posture (up+L2)"
+    assert set(re.findall(r"(\w) [a-z-]+ \(", keys_on(Mode.HOLD))) == {"c", "l"}
+
+
+def test_who_does_not_listen_is_not_waited_for():
+    reader, writer = os.pipe()
+    say = Saying(writer)
+    for _ in range(2000):
+        say(text="x" * 100)
+    assert say.dropped > 0
+    os.close(reader)
+    before = say.dropped
+    say(text="gone")
+    assert say.dropped == before + 1
+    os.close(writer)
+
+
+def test_a_look_at_a_slot():
+    name = f"watch-{os.getpid()}"
+    with pytest.raises(SlotError, match="no slot"):
+        SlotWatch(name)
+    slot = GuardSlot(name)
+    with SlotWatch(name) as watch:
+        assert watch.status() is None and watch.targets() is None
+        status = np.zeros((), STATUS)
+        status["mode"] = Mode.READY
+        slot.tell(status)
+        assert watch.status()["mode"] == Mode.READY
+    slot.close()
+
+
+def test_the_table(capsys):
+    status, targets = np.zeros((), STATUS), np.zeros((), TARGETS)
+    status["mode"], status["sequence"], status["received_s"], status["entered_s"] = Mode.CARRY, 5, 9.99, 4.0
+    targets["stamp_s"], targets["pose_age_s"], targets["box_age_s"] = 9.98, 0.1, np.inf
+    view = View(PlainConsole(width=120), "here")
+    view.hear("runner", {"warm": True})
+    view.hear("guard", {"mode": "CARRY", "text": "carry, asked by the operator", "cause": "OPERATOR", "time_s": 1.0})
+    report = {"ticks": 50, "skipped": 1, "worst_late_ms": 3.0, "pose": "ok", "box": "none seen", "goal_m": 1.5}
+    view.hear("runner", report)
+    PlainConsole(width=120).print(view._table(status, targets, 10.0))
+    shown = capsys.readouterr().out
+    for part in (
+        "carry for 6 s",
+        "10 ms old",
+        "warm, targets 20 ms old",
+        "0.10 s old, ok",
+        "never, none seen",
+        "1.50 m",
+        "guard not known; runner 3.0 ms at most, 1 of 50 skipped",
+        "carry: carry, asked by the operator",
+    ):
+        assert part in shown
+
+
+class Program:
+    """A command of hotice in a process of its own, its lines as they come."""
+
+    def __init__(self, *arguments):
+        self.lines, self._came = [], threading.Condition()
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "hotice", *map(str, arguments)],
+            cwd=REPOSITORY,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+        )
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self):
+        for line in self.process.stdout:
+            with self._came:
+                self.lines.append(line.rstrip())
+                self._came.notify_all()
+
+    @property
+    def text(self):
+        return "\n".join(self.lines)
+
+    def hear(self, part):
+        """Waits for a line with this part."""
+        with self._came:
+            heard = self._came.wait_for(lambda: any(part in line for line in self.lines), LONG_S)
+        assert heard, f"{part!r} never came:\n{self.text}"
+
+    def interrupt(self):
+        self.process.send_signal(signal.SIGINT)
+
+    def end(self):
+        """Its exit status."""
+        status = self.process.wait(LONG_S)
+        self._thread.join(LONG_S)
+        return status
+
+
+@pytest.fixture
+def programs():
+    """Starts programs, and leaves none."""
+    found = []
+
+    def start(*arguments):
+        found.append(Program(*arguments))
+        return found[-1]
+
+    yield start
+    for program in found:
+        if program.process.poll() is None:
+            # a guard lives in a session of its own: it ends with the program that started it
+            program.process.send_signal(signal.SIGTERM)
+            program.end()
+
+
+def shared():
+    pytest.importorskip("cyclonedds", reason="the link over DDS needs the extra `deploy`")
+    pytest.importorskip("cv2", reason="tags need the extra `deploy`")
+    port = next(PORTS)
+    return ["--domain", next(DOMAINS), "--pose-port", port, "--tags-port", port + 1]
+
+
+@pytest.mark.slow
+def test_from_the_gantry_to_the_goal_over_loopback(programs):
+    """Guard, runner and robot in three processes: hung up, handed the box, lowered, carries, holds, lowers, brakes."""
+    network = shared()
+    deploy = programs("deploy", *network)
+    deploy.hear("runner: warm")
+    press = "start@2s L2+up@4s F1@8.5s F1@12s F2@14s R1+X@17s R1+down@32s select@34s".split()
+    robot = programs("robot-sim", "--start", "held", "--duration-s", 36, *network, "--press", *press)
+    assert robot.end() == 0
+    deploy.interrupt()
+    assert deploy.end() == 0, deploy.text
+    modes = [line.split(":")[0] for line in deploy.lines if re.search(r"(asked|stopped) by the operator|reached", line)]
+    assert modes == ["damping", "posture", "ready", "carry", "hold", "lower", "damping"], deploy.text
+    assert "refused: none" in robot.text and "given to the robot" in robot.text
+    assert "no obstacle" in robot.text
+
+
+@pytest.mark.slow
+def test_a_dry_run_sends_nothing_and_a_second_deployment_is_refused(programs):
+    network = shared()
+    deploy = programs("deploy", "--dry-run", *network)
+    deploy.hear("runner: warm")
+    second = programs("deploy", *network)
+    assert second.end() == 2 and "has a guard already" in second.text
+    robot = programs("robot-sim", "--start", "held", "--duration-s", 8, *network, "--press", "start@2s", "L2+up@4s")
+    assert robot.end() == 0
+    deploy.hear("posture: posture, asked by the operator")
+    assert " 0 taken" in robot.text
+    deploy.interrupt()
+    time.sleep(0.5)
+    deploy.interrupt()
+    assert deploy.end() == 0
+
+
+@pytest.mark.slow
+def test_a_runner_that_refuses_ends_all(programs):
+    deploy = programs("deploy", "--policy", "nothing", *shared())
+    assert deploy.end() == 2 and "policy 'nothing'" in deploy.text

@@ -1,0 +1,310 @@
+"""The estimator: the pelvis from the lidar, tracking as in training, and what it does with poses that are wrong."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from hotice.deploy.camera import HEAD_CAMERA
+from hotice.deploy.clock import SimulatedClock
+from hotice.deploy.estimate import LidarPelvis, SeenPose, TaggedBox, TrackingEstimator
+from hotice.deploy.estimate.pelvis import pelvis_in_scene
+from hotice.deploy.frames import WAIST, Pose, camera_in_pelvis
+from hotice.deploy.messages.hg import JOINTS, LOW_STATE
+from hotice.deploy.sources import MemorySource, PoseSample, TagSample
+from hotice.deploy.tags import BoxPoser, box_bundle
+from hotice.model import builder, g1
+from hotice.model.frames import (
+    mat_to_quat,
+    quat_conj,
+    quat_from_axis_angle,
+    quat_from_yaw,
+    quat_mul,
+    quat_rotate,
+    quat_to_mat,
+)
+from hotice.model.objects import Box
+from hotice.model.robot_state import RobotState
+from hotice.model.source import MapSource
+from hotice.policy import PerceptModel
+from hotice.policy.measuring import DRAWS, ESTIMATE, attitude, measure
+from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT
+
+BOX = Box((0.3, 0.3, 0.25), 1.5)
+DT_S = 0.02
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def a_robot(rng, p_WP=(1.0, -0.5, 0.72), yaw=-2.0):
+    quat_WP = quat_mul(quat_from_yaw(yaw), quat_from_axis_angle(np.array([0.6, -0.8, 0.0]), 0.1))
+    joints = 0.1 * rng.normal(size=29)
+    return RobotState(
+        p_WP=np.array(p_WP),
+        quat_WP=quat_WP,
+        w_WP_P=0.3 * rng.normal(size=3),
+        joint_pos=joints,
+        joint_vel=rng.normal(size=29),
+        carried=BOX,
+        p_WO=np.array(p_WP) + quat_rotate(quat_WP, [0.3, 0.02, 0.1]),
+        quat_WO=quat_mul(quat_WP, quat_from_yaw(0.05)),
+    )
+
+
+def state_of(robot, yaw_of_imu=0.7):
+    """LowState of a robot, its IMU's heading off by `yaw_of_imu`."""
+    state = LOW_STATE.zeros()
+    state["imu_state"]["quaternion"] = quat_mul(quat_from_yaw(yaw_of_imu), robot.quat_WP)
+    state["imu_state"]["gyroscope"] = robot.w_WP_P
+    motors = state["motor_state"][JOINTS]
+    motors["q"], motors["dq"] = robot.joint_pos, robot.joint_vel
+    return state
+
+
+class Poses:
+    """Sources of an estimator, turned by hand."""
+
+    def __init__(self, robot):
+        self.pelvis = SeenPose(robot.p_WP, robot.quat_WP, 0.0)
+        back = quat_conj(robot.quat_WP)
+        self.box = SeenPose(quat_rotate(back, robot.p_WO - robot.p_WP), quat_mul(back, robot.quat_WO), 0.0)
+        self.estimator = TrackingEstimator(BOX, lambda *_: self.pelvis, lambda *_: self.box)
+
+
+def still(rng):
+    return replace(a_robot(rng), w_WP_P=np.zeros(3))
+
+
+def test_the_first_percept_is_that_of_the_true_state(rng):
+    """Whatever heading the IMU believes in."""
+    robot = a_robot(rng)
+    for yaw in (0.0, 0.7, -3.0):
+        estimate = Poses(robot).estimator.update(state_of(robot, yaw), 0.3)
+        true = PerceptModel(BOX)(*robot.to_mujoco(29))
+        np.testing.assert_allclose(estimate.percept.vector, true.vector, atol=2e-6)
+        assert estimate.pose_age_s == estimate.box_age_s == 0.3 and not estimate.disputed
+
+
+def test_the_same_numbers_as_in_training(rng):
+    """A walk along a circle, measured by the sensor model of training, and by the estimator from the same inputs."""
+    # gravity comes as an attitude here, of length 1; the guard of jumps refuses the trained noise of the object
+    config = replace(STUDENT_SENSING, gravity=0.0, object_pos_m=0.01, object_rot_rad=0.03)
+    model = PerceptModel(BOX)
+    poses = Poses(a_robot(rng))
+    estimate, walked = np.zeros(ESTIMATE), []
+    hold = config.hold_steps(DT_S)
+    for count in range(40):
+        along = 0.012 * count
+        robot = a_robot(rng, p_WP=(np.sin(along), 1.0 - np.cos(along), 0.72 + 0.02 * np.sin(3 * along)), yaw=along)
+        qpos, qvel = robot.to_mujoco(29)
+        true, draws = model(qpos, qvel), rng.uniform(-1.0, 1.0, DRAWS)
+        theirs, estimate = measure(
+            true,
+            estimate,
+            draws,
+            config,
+            world_aligned=False,
+            keypoints=model.keypoints_at(qpos),
+            refresh=count % hold == 0,
+            gain=max(config.object_gain(DT_S), 1.0 / (count + 1)),
+            tilt_gain=max(TRACK_TILT, 1.0 / (count + 1)),
+            hold_s=hold * DT_S,
+            dt_s=DT_S if count else 0.0,
+        )
+        now_s = DT_S * count
+        if count % hold == 0:
+            seen = true.p_WP + config.root_pos_m * draws[1:4], true.yaw[0] + config.root_yaw_rad * draws[0]
+            poses.pelvis = SeenPose(seen[0], quat_from_yaw(seen[1]), now_s)
+        R_PW = attitude(true.yaw[0], true.gravity_P).T
+        tilt = config.object_rot_rad * draws[33:36]
+        R_tilt = quat_to_mat(quat_from_axis_angle(tilt, np.linalg.norm(tilt)))
+        p_PO = R_PW @ (true.p_WO - true.p_WP + config.object_pos_m * draws[30:33])
+        poses.box = SeenPose(p_PO, mat_to_quat(R_PW @ R_tilt @ true.R_WO), now_s)
+        measured = robot.joint_pos.copy()
+        measured[model._q - 7] = theirs.q
+        state = state_of(replace(robot, joint_pos=measured, w_WP_P=theirs.w_WP_P))
+        state["motor_state"][JOINTS]["dq"][model._q - 7] = theirs.qd
+        ours = poses.estimator.update(state, now_s).percept
+        for name in theirs.PARTS:
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=5e-6, err_msg=f"{name} {count}")
+        walked.append(theirs.p_WP - true.p_WP)
+    # the noise was there
+    assert np.abs(walked).max() > 0.005
+
+
+def sample_of(robot, source=None, number=1):
+    """Pose sample of a robot, its lidar placed by MuJoCo's kinematics and the maker's numbers."""
+    model = builder.build_model(BOX, joints=29, floor=False)
+    data = mujoco.MjData(model)
+    data.qpos[:] = robot.to_mujoco(29)[0]
+    mujoco.mj_kinematics(model, data)
+    torso = data.body(g1.TORSO_BODY)
+    # the lidar on the torso, roll π and pitch 0.0511 rad; its IMU from FAST-LIO's mid360.yaml
+    quat_TL = quat_mul(quat_from_axis_angle(np.array([0.0, 1.0, 0.0]), 0.0511), np.array([0.0, 1.0, 0.0, 0.0]))
+    p_TL = np.array([0.0003, 0.0, 0.4284]) + quat_rotate(quat_TL, [0.011, 0.0233, -0.0441])
+    p_WL, quat_WL = torso.xpos + quat_rotate(torso.xquat, p_TL), quat_mul(torso.xquat, quat_TL)
+    if source is not None:
+        back = quat_conj(np.array(source.quaternion_wxyz))
+        p_WL = quat_rotate(back, p_WL - source.position_m) / source.unit_m
+        quat_WL = quat_mul(back, quat_WL)
+    return PoseSample(number=number, measured_s=0.0, p_ML=p_WL, quat_ML=quat_WL)
+
+
+MAP = MapSource(
+    file="map.pcd",
+    sha256="0" * 64,
+    unit_m=0.01,
+    position_m=(2.0, -1.0, 1.2),
+    quaternion_wxyz=tuple(quat_mul(quat_from_yaw(0.4), np.array([0.0, 1.0, 0.0, 0.0])).tolist()),
+)
+
+
+@pytest.mark.parametrize("source", [None, MAP], ids=["scene", "map"])
+@pytest.mark.parametrize("waist", [(0.0, 0.0, 0.0), (0.5, -0.2, 0.3)], ids=["straight", "bent"])
+def test_the_pelvis_from_the_lidar(rng, source, waist):
+    robot = a_robot(rng)
+    joints = robot.joint_pos.copy()
+    joints[list(WAIST)] = waist
+    robot = replace(robot, joint_pos=joints)
+    sample = sample_of(robot, source)
+    X_WP = pelvis_in_scene(sample, source, np.array(waist))
+    np.testing.assert_allclose(X_WP.p, robot.p_WP, atol=1e-6)
+    np.testing.assert_allclose(X_WP.R, quat_to_mat(robot.quat_WP), atol=1e-6)
+    if any(waist):
+        # who takes a bent waist for a straight one is turned and off
+        wrong = pelvis_in_scene(sample, source, np.zeros(3))
+        assert np.trace(wrong.R.T @ X_WP.R) < 1.0 + 2.0 * np.cos(0.5) and np.linalg.norm(wrong.p - X_WP.p) > 0.015
+
+
+def test_the_lidars_imu_is_not_the_lidar(rng):
+    """Where the IMU of a standing robot is, as published; who forgets its offset from the lidar is 5 cm off."""
+    imu = np.array([0.0096, -0.0233, 0.5159])
+    quat = quat_mul(quat_from_axis_angle(np.array([0.0, 1.0, 0.0]), 0.0511), np.array([0.0, 1.0, 0.0, 0.0]))
+    pelvis = np.array([1.0, 2.0, 0.74])
+    sample = PoseSample(number=1, measured_s=0.0, p_ML=pelvis + imu, quat_ML=quat)
+    np.testing.assert_allclose(pelvis_in_scene(sample, None, np.zeros(3)).p, pelvis, atol=1e-4)
+    lidar = replace(sample, p_ML=pelvis + [-0.0037, 0.0, 0.4724])
+    off = np.linalg.norm(pelvis_in_scene(lidar, None, np.zeros(3)).p - pelvis)
+    assert off == pytest.approx(0.051, abs=0.002)
+
+
+def test_a_map_that_leans_is_no_map(rng):
+    clock = SimulatedClock()
+    source = MemorySource(clock, PoseSample.decode)
+    look, robot = LidarPelvis(source, None), still(rng)
+    waist, up = robot.joint_pos[list(WAIST)], quat_to_mat(robot.quat_WP)[2]
+    assert look(waist, up) is None
+    for number, lean in enumerate((np.radians(7.0), np.radians(9.0))):
+        clock.sleep(0.1)
+        tilted = replace(robot, quat_WP=quat_mul(quat_from_axis_angle(np.array([1.0, 0.0, 0.0]), lean), robot.quat_WP))
+        source.send(sample_of(tilted, number=number + 1).encode())
+        seen = look(waist, up)
+        assert seen.good is (number == 0) and seen.received_s == clock.now()
+    assert "leans 9 degrees" in seen.verdict
+
+
+def test_the_box_from_its_tags(rng):
+    pytest.importorskip("cv2")
+    clock, bundle = SimulatedClock(), box_bundle(BOX)
+    source = MemorySource(clock, TagSample.decode)
+    look = TaggedBox(source, BoxPoser(bundle))
+    waist = np.array([0.1, 0.05, -0.1])
+    X_PO = Pose(quat_to_mat(quat_from_axis_angle(UP, 0.1)), np.array([0.32, 0.01, 0.12]))
+    assert look(waist, UP) is None
+    pixels = HEAD_CAMERA.pixels((camera_in_pelvis(waist).inverse @ X_PO).points(bundle.corners_O[:4]))
+    source.send(TagSample(number=1, measured_s=0.0, ids=np.arange(4), corners_px=pixels).encode())
+    seen = look(waist, UP)
+    np.testing.assert_allclose(seen.p, X_PO.p, atol=1e-5)
+    np.testing.assert_allclose(quat_to_mat(seen.quat), X_PO.R, atol=1e-4)
+    clock.sleep(0.1)
+    source.send(TagSample(number=2, measured_s=0.1, ids=np.zeros(0, int), corners_px=np.zeros((0, 4, 2))).encode())
+    assert look(waist, UP).verdict == "none seen" and not look(waist, UP).good
+
+
+def test_nothing_is_believed_before_both_were_seen(rng):
+    robot = a_robot(rng)
+    for missing in ("pelvis", "box"):
+        poses = Poses(robot)
+        setattr(poses, missing, None)
+        assert poses.estimator.update(state_of(robot), 0.0) is None
+
+
+def test_one_pose_elsewhere_is_refused_and_forgotten(rng):
+    robot = still(rng)
+    poses, state = Poses(robot), state_of(robot)
+    poses.estimator.update(state, 0.0)
+    for i, off in enumerate((0.16, 0.0, 0.16, 0.0), start=1):
+        poses.pelvis = SeenPose(robot.p_WP + [off, 0.0, 0.0], robot.quat_WP, 0.1 * i)
+        estimate = poses.estimator.update(state, 0.1 * i)
+        assert estimate.percept.p_WP[0] == pytest.approx(robot.p_WP[0], abs=1e-6) and not estimate.disputed
+        assert estimate.pose_verdict == ("elsewhere than tracking" if off else "ok")
+
+
+def test_five_poses_elsewhere_are_a_dispute(rng):
+    robot = still(rng)
+    poses, true, state = Poses(robot), robot.p_WP, state_of(robot)
+    estimator = poses.estimator
+    estimator.update(state, 0.0)
+    for i in range(1, 6):
+        poses.pelvis = SeenPose(true + [0.16, 0.0, 0.0], robot.quat_WP, 0.1 * i)
+        for _ in range(5):  # one that is read again does not count again
+            estimate = estimator.update(state, 0.1 * i)
+        x, disputed = (true[0], False) if i < 5 else (true[0] + 0.16, True)
+        assert estimate.percept.p_WP[0] == pytest.approx(x, abs=1e-6) and estimate.disputed is disputed
+        assert estimate.pose_age_s == pytest.approx(0.1 * i if i < 5 else 0.0)
+    estimator.settle()
+    assert not estimator.update(state, 0.52).disputed
+
+
+def test_a_box_that_is_not_seen_moves_with_the_pelvis(rng):
+    robot = still(rng)
+    poses = Poses(robot)
+    before = poses.estimator.update(state_of(robot), 0.0)
+    poses.pelvis = SeenPose(robot.p_WP + [0.05, 0.0, 0.0], robot.quat_WP, 0.1)
+    poses.box = SeenPose(np.full(3, np.nan), np.full(4, np.nan), 0.1, "none seen")
+    after = poses.estimator.update(state_of(robot), 0.12)
+    moved = after.percept.p_WP - before.percept.p_WP
+    assert moved[0] == pytest.approx(0.7 * 0.05)
+    np.testing.assert_allclose(after.percept.p_WO - before.percept.p_WO, moved, atol=1e-6)
+    assert after.box_age_s == pytest.approx(0.12) and after.pose_age_s == pytest.approx(0.02)
+    assert after.box_verdict == "none seen"
+
+
+def test_a_box_that_jumps_is_refused(rng):
+    robot = still(rng)
+    poses = Poses(robot)
+    before = poses.estimator.update(state_of(robot), 0.0).percept.p_WO.copy()
+    poses.box = SeenPose(poses.box.p + [0.11, 0.0, 0.0], poses.box.quat, 0.02)
+    after = poses.estimator.update(state_of(robot), 0.02)
+    np.testing.assert_allclose(after.percept.p_WO, before, atol=1e-6)
+    assert after.box_verdict == "jumped" and after.box_age_s == pytest.approx(0.02)
+
+
+def test_who_is_lost_is_taken_to_stand(rng):
+    """Between poses it goes on as it walked; a second after the last it stands."""
+    robot = still(rng)
+    poses, speed = Poses(robot), 0.5
+    poses.estimator._root._latency_s = 0.0
+    for i in range(50):
+        if i % 5 == 0:
+            poses.pelvis = SeenPose(robot.p_WP + [0.02 * i * speed, 0.0, 0.0], robot.quat_WP, 0.02 * i)
+        estimate = poses.estimator.update(state_of(robot), 0.02 * i)
+    places = [estimate.percept.p_WP[0]]
+    for i in range(50, 150):
+        places.append(poses.estimator.update(state_of(robot), 0.02 * i).percept.p_WP[0])
+    steps = np.diff(places)
+    np.testing.assert_allclose(steps[:40], 0.02 * speed, rtol=0.05)
+    np.testing.assert_allclose(steps[60:], 0.0, atol=1e-9)
+
+
+def test_a_known_latency_is_made_up_for(rng):
+    robot, off = still(rng), {}
+    for latency_s in (0.0, 0.1):
+        poses = Poses(robot)
+        estimator = TrackingEstimator(BOX, lambda *_, p=poses: p.pelvis, lambda *_, p=poses: p.box, latency_s=latency_s)
+        for i in range(200):
+            if i % 5 == 0:
+                poses.pelvis = SeenPose(robot.p_WP + [0.5 * (0.02 * i - 0.1), 0.0, 0.0], robot.quat_WP, 0.02 * i)
+            estimate = estimator.update(state_of(robot), 0.02 * i)
+        off[latency_s] = estimate.percept.p_WP[0] - robot.p_WP[0] - 0.5 * 0.02 * 199
+    assert off[0.0] == pytest.approx(-0.05, abs=1e-3) and off[0.1] == pytest.approx(0.0, abs=1e-3)

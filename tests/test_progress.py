@@ -1,0 +1,70 @@
+"""Lines where standard error is no terminal; nothing at all of quick work."""
+
+import time
+
+import pytest
+
+from hotice import progress
+
+
+@pytest.fixture
+def soon(monkeypatch):
+    monkeypatch.setattr(progress, "EVERY_S", 0.01)
+
+
+def lines_of(capsys, least=2):
+    """Lines said since the last call, once there are some."""
+    said = ""
+    while said.count("\n") < least:
+        time.sleep(0.01)
+        said += capsys.readouterr().err
+    return said.splitlines()
+
+
+def test_counts_are_told_in_lines(soon, capsys):
+    with progress.counting("trials", 2000, 500) as told:
+        assert set(lines_of(capsys)) == {"trials: 500 of 2,000, 0 s"}
+        told(1500)
+        assert lines_of(capsys)[-1] == "trials: 1,500 of 2,000, 0 s"
+    capsys.readouterr()
+    time.sleep(0.05)
+    assert capsys.readouterr().err == "", "over is over"
+
+
+def test_what_is_done_is_told_in_lines(soon, capsys):
+    with progress.doing("importing [bold]x[/nonsense]") as told:
+        assert lines_of(capsys)[0] == "importing [bold]x[/nonsense], 0 s"
+        told("film: frame 3 of 9")
+        assert lines_of(capsys)[-1] == "film: frame 3 of 9, 0 s"
+
+
+def test_items_count_when_they_are_done(soon, capsys):
+    items = progress.counted("ab", "scenes", 2)
+    assert next(items) == "a" and lines_of(capsys)[-1] == "scenes: 0 of 2, 0 s"
+    assert next(items) == "b" and lines_of(capsys, 4)[-1] == "scenes: 1 of 2, 0 s"
+    assert list(items) == []
+
+
+def test_quick_work_says_nothing(capsys):
+    with progress.doing("a"), progress.counting("b", 3) as told:
+        told(3)
+    assert list(progress.counted([1, 2], "c", 2)) == [1, 2]
+    assert capsys.readouterr().err == ""
+
+
+def test_errors_come_through_and_the_lines_end(soon, capsys):
+    with pytest.raises(KeyError), progress.doing("a"):
+        raise KeyError
+    capsys.readouterr()
+    time.sleep(0.05)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_terminal_has_a_bar(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with progress.counting("trials", 4) as told:
+        told(4)
+    with progress.doing("[/bold]") as told:
+        told("[/nonsense]")
+    said = capsys.readouterr().err
+    assert "trials" in said and "━" in said and "[/nonsense]" in said
