@@ -11,6 +11,7 @@ import tyro
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.recipes import ReproduceConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.commands.tags_config import TagCameraConfig, TagsConfig
@@ -184,6 +185,7 @@ OPTIONS: Mapping[str, type] = {
     "play": PlayConfig,
     "benchmark": BenchmarkConfig,
     "robot-sim": RobotSimConfig,
+    "deploy": DeployConfig,
     "tags": TagsConfig,
     "tag-camera": TagCameraConfig,
 }

@@ -77,6 +77,10 @@ def _run(argv: list[str]) -> int:
         from hotice.commands import scene as scene_commands
 
         return scene_commands.main(argv[1:])
+    if argv[:2] == ["deploy", "replay"]:
+        from hotice.commands.deploy import replay
+
+        return replay.main(argv[2:])
     import tyro
 
     from hotice.commands import table as commands

@@ -147,7 +147,7 @@ def tag_camera(config: Flat[TagCameraConfig]) -> int:
 
 
 def deploy(config: Flat[DeployConfig]) -> int:
-    """Have a robot, simulated or real, carry its object to a scene's goal."""
+    """Have a robot, simulated or real, carry its object to a scene's goal; `hotice deploy replay LOG`: do it again."""
     from hotice.commands.deploy.run import deploy as run
 
     run(config)

@@ -26,6 +26,7 @@ COMMANDS = (
     "tables",
     "benchmark",
     "robot-sim",
+    "deploy",
     "tags",
     "tag-camera",
 )

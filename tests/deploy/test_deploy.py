@@ -22,6 +22,7 @@ from hotice.deploy.guard.modes import Mode
 from hotice.deploy.programs.options import GuardOptions, RunnerOptions
 from hotice.deploy.programs.prepare import prepare
 from hotice.deploy.programs.saying import Saying
+from hotice.deploy.recording import replay_log
 from hotice.deploy.slot import GuardSlot, SlotError, SlotWatch
 from hotice.deploy.slot.records import STATUS, TARGETS
 from hotice.errors import CheckpointError, InvalidConfig
@@ -83,15 +84,17 @@ def test_the_map_is_the_one_of_the_scene(tmp_path):
 def test_a_policy_that_reads_something_else_is_refused(monkeypatch):
     monkeypatch.setattr("hotice.deploy.programs.prepare.layout_of", lambda task: [("speed", 1)])
     options = RunnerOptions(
-        slot="none", scene="open_floor", policy="student", box=(0.3, 0.3, 0.25, 1.5), pose_port=1, tags_port=2
+        slot="none", scene="open_floor", policy="student", box=(0.3, 0.3, 0.25, 1.5), pose_port=1, tags_port=2, log=""
     )
     with pytest.raises(CheckpointError, match="observation layout differs"):
         prepare(options, lambda stage: None)
 
 
 def test_options_as_arguments():
-    guard = GuardOptions(slot="a", domain=3, interface="lo", dry_run=True)
-    runner = RunnerOptions(slot="a", scene="gap", policy="student", box=(0.1, 0.2, 0.3, 4.0), pose_port=1, tags_port=2)
+    guard = GuardOptions(slot="a", domain=3, interface="lo", dry_run=True, log="/tmp/x", keep_s=60.0)
+    runner = RunnerOptions(
+        slot="a", scene="gap", policy="student", box=(0.1, 0.2, 0.3, 4.0), pose_port=1, tags_port=2, log="/tmp/x"
+    )
     assert GuardOptions.of(guard.text()) == guard and RunnerOptions.of(runner.text()) == runner
 
 
@@ -221,10 +224,10 @@ def shared():
 
 
 @pytest.mark.slow
-def test_from_the_gantry_to_the_goal_over_loopback(programs):
+def test_from_the_gantry_to_the_goal_over_loopback(programs, tmp_path):
     """Guard, runner and robot in three processes: hung up, handed the box, lowered, carries, holds, lowers, brakes."""
     network = shared()
-    deploy = programs("deploy", *network)
+    deploy = programs("deploy", "--log", tmp_path / "log", *network)
     deploy.hear("runner: warm")
     press = "start@2s L2+up@4s F1@8.5s F1@12s F2@14s R1+X@17s R1+down@32s select@34s".split()
     robot = programs("robot-sim", "--start", "held", "--duration-s", 36, *network, "--press", *press)
@@ -233,6 +236,8 @@ def test_from_the_gantry_to_the_goal_over_loopback(programs):
     assert deploy.end() == 0, deploy.text
     modes = [line.split(":")[0] for line in deploy.lines if re.search(r"(asked|stopped) by the operator|reached", line)]
     assert modes == ["damping", "posture", "ready", "carry", "hold", "lower", "damping"], deploy.text
+    found = replay_log(tmp_path / "log")
+    assert found.ticks == found.ticks_equal > 1000 and found.actions == found.actions_equal > 100
     assert "refused: none" in robot.text and "given to the robot" in robot.text
     assert "no obstacle" in robot.text
 

@@ -14,6 +14,7 @@ MODULES = (
     "guard.keyboard",
     "guard.dry",
     "slot.slot",
+    "programs.guard",
 )
 
 

@@ -189,6 +189,8 @@ def test_the_goal_is_told(policy, pf, carry, rng):
     assert not desk.tick(Mode.CARRY, robot)["done"]
     desk.known.robot = replace(robot, p_WP=goal + [0.09, 0.0, 0.0])
     assert desk.tick(Mode.CARRY, robot)["done"] and not desk.tick(Mode.HOLD, robot)["done"]
+    # it stands at the goal, not where it was near enough
+    np.testing.assert_array_equal(desk.runner._place_W, [*load_scene("gap").goal, GOAL_HEIGHT_M])
 
 
 def test_the_same_actions_as_in_a_diagram(policy, pf, carry, rng):

@@ -45,6 +45,9 @@ class DeployConfig:
     """DDS domain; by default 1 for sim, 0 for g1."""
     dry_run: bool = False
     """Do all but send commands."""
+    log: Path | None = None
+    """Folder for the log of everything, about 80 MB a minute; without it a ring of the last minute lies in the user's
+    own cache."""
     pose_port: int = POSE_PORT
     """UDP port on this machine to which localization is sent."""
     tags_port: int = TAGS_PORT

@@ -13,6 +13,7 @@ from hotice.commands.deploy.view import View
 from hotice.console import PlainConsole
 from hotice.deploy.guard.modes import Mode
 from hotice.deploy.programs.options import GuardOptions, RunnerOptions
+from hotice.deploy.recording.place import RING_S, ring_folder
 from hotice.deploy.slot.watch import SlotWatch
 from hotice.errors import HoticeError
 
@@ -30,7 +31,7 @@ class DeployFailed(HoticeError):
 
 
 def deploy(config: DeployConfig) -> None:
-    """Until Ctrl-C. Raises `HoticeError`."""
+    """Until Ctrl-C. Raises `HoticeError`; `KeyboardInterrupt` where that came before there was a guard."""
     scene = fitting_scene(config)
     interface, domain = config.network
     console = PlainConsole()
@@ -43,16 +44,21 @@ def deploy(config: DeployConfig) -> None:
         view = stack.enter_context(View(console, what))
         view.tell(f"deploying to {what}")
         terminal = stack.enter_context(Terminal())
+        keep_s = RING_S if config.log is None else None
+        folder = str(ring_folder(config.slot) if config.log is None else config.log.absolute())
+        view.tell(f"log: {folder}")
         guard = Child(
             "guard",
-            GuardOptions(slot=config.slot, domain=domain, interface=interface, dry_run=config.dry_run).text(),
+            GuardOptions(
+                slot=config.slot, domain=domain, interface=interface, dry_run=config.dry_run, log=folder, keep_s=keep_s
+            ).text(),
         )
         stack.callback(_end_guard, guard, view)
         _await_guard(guard, view, signals)
         if signals:
-            return
+            raise KeyboardInterrupt
         view.tell(f"guard: process {guard.pid}; it brakes until it is ended, also without this program")
-        runner = Child("runner", _runner_options(config).text())
+        runner = Child("runner", _runner_options(config, folder, keep_s).text())
         stack.callback(runner.end, RUNNER_ENDS_S, kill=True)
         # callbacks run backwards: the guard ends first, the runner after it
         stack.callback(_end_guard, guard, view)
@@ -111,7 +117,7 @@ class _Operation:
                 self._signals.append(signal.SIGTERM)
 
 
-def _runner_options(config: DeployConfig) -> RunnerOptions:
+def _runner_options(config: DeployConfig, folder: str, keep_s: float | None) -> RunnerOptions:
     return RunnerOptions(
         slot=config.slot,
         scene=config.scene,
@@ -120,6 +126,8 @@ def _runner_options(config: DeployConfig) -> RunnerOptions:
         pose_port=config.pose_port,
         tags_port=config.tags_port,
         pose_latency_s=config.pose_latency_s,
+        log=folder,
+        keep_s=keep_s,
     )
 
 

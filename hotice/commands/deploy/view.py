@@ -68,7 +68,10 @@ class View:
         elif "text" in said:
             self.tell(f"{name}: {said['text']}")
         elif "ticks" in said:
-            (self._runner if name == "runner" else self._guard).update(said)
+            known = self._runner if name == "runner" else self._guard
+            if said.get("log") and not known.get("log"):
+                self.tell(f"{name}: {said['log']}")
+            known.update(said)
             if name == "runner":
                 self._tell_verdicts(said)
         elif "lateness" in said:

@@ -6,6 +6,9 @@ import gc
 import signal
 from collections.abc import Callable, Iterable
 from types import FrameType
+from typing import Protocol
+
+import numpy as np
 
 from hotice.deploy.clock import Clock
 from hotice.deploy.guard.commands import damping
@@ -16,11 +19,18 @@ from hotice.deploy.guard.loop import Lateness, run_loop
 from hotice.deploy.guard.modes import Mode, Request
 from hotice.deploy.guard.scheduling import give_way, take_precedence
 from hotice.deploy.link.protocol import Link, LinkError
-from hotice.deploy.slot.slot import GuardSlot
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LEAVE_S = 2.0
 """How long motors have been braking before a guard that was told to end does [s]: a fall is over by then."""
+
+
+class SlotEnd(Protocol):
+    """The guard's end of a slot, see `GuardSlot`."""
+
+    def targets(self) -> np.ndarray | None: ...
+
+    def tell(self, status: np.ndarray) -> None: ...
 
 
 class Ending:
@@ -41,7 +51,7 @@ class Ending:
 
 def run_guard(
     link: Link,
-    slot: GuardSlot,
+    slot: SlotEnd,
     clock: Clock,
     config: GuardConfig | None = None,
     *,

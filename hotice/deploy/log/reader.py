@@ -32,8 +32,12 @@ class Log:
     writer: str
     about: Mapping[str, Any]
     """JSON values of its writer: hashes, versions, options."""
+    kinds: Mapping[str, np.dtype | None]
+    """Type of each kind's entries, None: bytes."""
     entries: Mapping[str, Entries]
     """By kind."""
+    first_segment: int
+    """Number of the first segment that is there: not 0 for a ring whose beginning is gone."""
     torn_bytes: int
     """Bytes at the ends of segments that hold no whole entry: one was being written, or the file is damaged."""
 
@@ -76,7 +80,14 @@ def read_log(folder: str | Path, name: str) -> Log:
         torn += len(content) - end
     assert first is not None
     entries = {kind: _entries(found[kind], dtype) for kind, dtype in first.kinds.items()}
-    return Log(writer=name, about=first.about, entries=entries, torn_bytes=torn)
+    return Log(
+        writer=name,
+        about=first.about,
+        kinds=first.kinds,
+        entries=entries,
+        first_segment=first.segment,
+        torn_bytes=torn,
+    )
 
 
 def _entries(found: list[tuple[float, bytes]], dtype: np.dtype | None) -> Entries:

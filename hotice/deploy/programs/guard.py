@@ -20,12 +20,17 @@ from hotice.deploy.guard.keyboard import Keyboard
 from hotice.deploy.guard.loop import Lateness
 from hotice.deploy.guard.modes import Mode, Request
 from hotice.deploy.guard.process import run_guard
-from hotice.deploy.link.protocol import Link
+from hotice.deploy.guard.scheduling import PRIORITY
 from hotice.deploy.link.publishers import check_sole_publisher
+from hotice.deploy.log.writer import LogWriter
+from hotice.deploy.programs.logging import open_log, report
 from hotice.deploy.programs.options import GuardOptions
 from hotice.deploy.programs.saying import Saying, ended
+from hotice.deploy.recording.guard_log import KINDS, GuardLog, LoggedSlot
 from hotice.deploy.slot.slot import GuardSlot
 
+GUARD_LOG = "guard"
+"""Name of its log."""
 TOLD_TICKS = 500
 """Ticks from one report of lateness to the next."""
 
@@ -33,16 +38,15 @@ TOLD_TICKS = 500
 class Operator:
     """Wishes from the pipe of the program that started the guard; when that is gone, stop."""
 
-    def __init__(self, keyboard: Keyboard, say: Saying, lateness: Lateness) -> None:
-        self._keyboard, self._say, self._lateness = keyboard, say, lateness
+    def __init__(self, keyboard: Keyboard, say: Saying, lateness: Lateness, log: LogWriter) -> None:
+        self._keyboard, self._say, self._lateness, self._log = keyboard, say, lateness, log
         self._count, self._mode = 0, Mode.OFF
 
     def __call__(self) -> Iterable[Request]:
         """Once a tick."""
         self._count += 1
         if self._count % TOLD_TICKS == 0:
-            seen = self._lateness
-            self._say(ticks=seen.ticks, skipped=seen.skipped, worst_late_ms=1e3 * seen.worst_late_s)
+            self._say(**report(self._lateness, self._log))
         wishes = self._keyboard()
         if not self._keyboard.ended:
             return wishes
@@ -69,16 +73,22 @@ def main(options: GuardOptions) -> None:
         battery = DdsBattery(node)
         stack.callback(battery.close)
         check_sole_publisher(dds, clock)
-        link: Link = DryLink(dds) if options.dry_run else dds
-        operator = Operator(stack.enter_context(Keyboard()), say, lateness)
+        log = stack.enter_context(open_log(options, GUARD_LOG, KINDS, PRIORITY))
+        link = GuardLog(DryLink(dds) if options.dry_run else dds, log, clock)
+        operator = Operator(stack.enter_context(Keyboard()), say, lateness, log)
+
+        def hear(event: Event) -> None:
+            operator.hear(event)
+            link.event(event)
+
         say(ready=True)
         run_guard(
             link,
-            slot,
+            LoggedSlot(slot, log),
             clock,
             wishes=operator,
             charge=battery.charge,
-            on_event=operator.hear,
+            on_event=hear,
             lateness=lateness,
         )
         say(lateness=str(lateness))

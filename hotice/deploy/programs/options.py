@@ -17,8 +17,8 @@ class GuardOptions:
     interface: str
     dry_run: bool
     """All but send."""
-    log: str | None = None
-    """Folder of its log; None: none."""
+    log: str
+    """Folder of its log."""
     keep_s: float | None = None
     """Length of the log's ring [s]; None: everything stays."""
 
@@ -44,8 +44,8 @@ class RunnerOptions:
     """Size along x, y and z [m], mass [kg]."""
     pose_port: int
     tags_port: int
+    log: str
     pose_latency_s: float = 0.0
-    log: str | None = None
     keep_s: float | None = None
 
     def text(self) -> str:

@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from hotice.deploy.estimate import LidarPelvis, TaggedBox, TrackingEstimator
 from hotice.deploy.programs.options import RunnerOptions
+from hotice.deploy.sources.protocol import Source
+from hotice.deploy.sources.records import PoseSample, TagSample
+from hotice.deploy.tags import BoxPoser, box_bundle
+from hotice.errors import InvalidConfig
 from hotice.fields.hod_pf import HodPf, build_hod_pf
 from hotice.model.carry import CarryState, solve_carry
 from hotice.model.objects import Box
@@ -33,3 +38,18 @@ def prepare(options: RunnerOptions, say: Callable[[str], None]) -> Prepared:
     carry = solve_carry(Box(options.box[:3], options.box[3]))
     say(f"fields of {scene.name}")
     return Prepared(policy, build_hod_pf(scene, task.resolution_m, task.margin_m), carry)
+
+
+def estimator_of(
+    made: Prepared, poses: Source[PoseSample], tags: Source[TagSample], latency_s: float = 0.0
+) -> TrackingEstimator:
+    """The estimator of localization and tags; `latency_s`: of localization [s]. Raises `HoticeError`."""
+    carried = made.carry.carried
+    if not isinstance(carried, Box):
+        raise InvalidConfig(f"tags are for boxes, not for a {type(carried).__name__}")
+    return TrackingEstimator(
+        carried,
+        LidarPelvis(poses, made.pf.scene.source),
+        TaggedBox(tags, BoxPoser(box_bundle(carried))),
+        latency_s=latency_s,
+    )

@@ -6,19 +6,21 @@ import contextlib
 import gc
 import signal
 import sys
+from typing import Any
 
 from hotice.deploy.clock import MonotonicClock
-from hotice.deploy.estimate import LidarPelvis, TaggedBox, TrackingEstimator
 from hotice.deploy.guard.loop import Lateness, run_loop
-from hotice.deploy.guard.scheduling import RUNNER_PRIORITY, take_precedence
+from hotice.deploy.guard.scheduling import RUNNER_PRIORITY
+from hotice.deploy.programs.logging import open_log, report
 from hotice.deploy.programs.options import RunnerOptions
-from hotice.deploy.programs.prepare import prepare
+from hotice.deploy.programs.prepare import estimator_of, prepare
 from hotice.deploy.programs.saying import Saying, ended
+from hotice.deploy.recording.replay import NAME, digests
+from hotice.deploy.recording.runner_log import RunnerLog, kinds, width
 from hotice.deploy.runner.runner import RobotRunner
 from hotice.deploy.slot.slot import RunnerSlot
 from hotice.deploy.sources.records import PoseSample, TagSample
 from hotice.deploy.sources.udp import UdpSource
-from hotice.deploy.tags import BoxPoser, box_bundle
 
 TOLD_TICKS = 25
 """Ticks from one report to the next."""
@@ -35,40 +37,42 @@ def main(options: RunnerOptions) -> None:
         tags = UdpSource(options.tags_port, TagSample.decode, clock=clock)
         stack.callback(tags.close)
         made = prepare(options, lambda stage: say(stage=stage))
-        carried = made.carry.carried
         slot = RunnerSlot(options.slot)
         stack.callback(slot.close)
-        estimator = TrackingEstimator(
-            carried,
-            LidarPelvis(poses, made.pf.scene.source),
-            TaggedBox(tags, BoxPoser(box_bundle(carried))),
-            latency_s=options.pose_latency_s,
-        )
-        runner = RobotRunner(made.policy, made.pf, made.carry, estimator, slot.status, slot.put, clock)
         say(stage="warming up")
+        blind = estimator_of(made, poses, tags)
+        # all is compiled before this process goes before others, and without the log
+        RobotRunner(made.policy, made.pf, made.carry, blind, lambda: None, lambda targets: None, clock).warm()
+        log = stack.enter_context(open_log(options, NAME, kinds(width(made.policy)), RUNNER_PRIORITY, **digests(made)))
+        logged = RunnerLog(log, clock)
+        runner = RobotRunner(
+            made.policy,
+            made.pf,
+            made.carry,
+            estimator_of(made, logged.source("pose", poses), logged.source("tags", tags), options.pose_latency_s),
+            logged.status_of(slot.status),
+            logged.put_of(slot.put),
+            logged,
+        )
         runner.warm()
         gc.collect()
         gc.freeze()
-        take_precedence(RUNNER_PRIORITY)
         say(warm=True)
         lateness = Lateness()
 
         def tick() -> None:
             runner.tick()
+            logged.after(runner)
             if lateness.ticks % TOLD_TICKS == 0:
-                say(**_report(runner, lateness))
+                say(**report(lateness, log), **_known(runner))
 
         run_loop(tick, clock, 1.0 / runner.period_s, lambda: not stopped, lateness)
         say(lateness=str(lateness))
 
 
-def _report(runner: RobotRunner, lateness: Lateness) -> dict:
+def _known(runner: RobotRunner) -> dict[str, Any]:
     estimate = runner.estimate
     return {
-        "ticks": lateness.ticks,
-        "skipped": lateness.skipped,
-        "worst_late_ms": 1e3 * lateness.worst_late_s,
-        "worst_took_ms": 1e3 * lateness.worst_took_s,
         "pose": "not known yet" if estimate is None else estimate.pose_verdict,
         "box": "not known yet" if estimate is None else estimate.box_verdict,
         "goal_m": runner.goal_m,

@@ -38,7 +38,14 @@ class CarryPolicy:
     def reset(self) -> None:
         """Forgets all: the next action is the first."""
         self._action, self._phase = np.zeros(g1.ACTIONS), 0.0
+        self.observation: NDArray[np.float32] | None = None
+        """What was read for the newest action; None before the first."""
         self._past: Array = np.zeros(self.task.history * history.FRAME)
+
+    @property
+    def action(self) -> Array:
+        """The newest action (20,), zero before the first."""
+        return self._action
 
     def act(self, percept: Percept, reading: FieldReading) -> Array | None:
         """Joint targets (20,) [rad]; None, with the memory as it was, where input or output is not finite."""
@@ -48,7 +55,7 @@ class CarryPolicy:
         raw = self._policy.run(observation[None])[0].astype(float)
         if not np.isfinite(raw).all():
             return None
-        self._past = remember(self._past, observation)
+        self.observation, self._past = observation, remember(self._past, observation)
         self._action = next_action(raw, self.task.action_limit)
         self._phase = (self._phase + self._phase_step) % (2.0 * math.pi)
         return self.rest + self.task.action_scale * self._action

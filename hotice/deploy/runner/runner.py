@@ -54,8 +54,11 @@ class RobotRunner:
         self._targets = np.zeros((), TARGETS)
         self._targets["q"] = self.all_joints(self.policy.rest)
         self._place_W: Array | None = None
+        self._goal_W = np.array([*pf.scene.goal_W[:2], GOAL_HEIGHT_M])
         self.estimate: Estimate | None = None
         """The newest."""
+        self.acted = False
+        """Whether the policy made the targets of the last tick."""
 
     @property
     def period_s(self) -> float:
@@ -89,6 +92,7 @@ class RobotRunner:
     def tick(self) -> None:
         """Reads the guard's status and writes targets; none where no state came, or where they would not be finite."""
         began_s = self._clock.now()
+        self.acted, self.estimate = False, None
         status = self._status()
         if status is None:
             return
@@ -98,6 +102,7 @@ class RobotRunner:
         q = self._moving(mode, estimate) if mode in DRIVEN else self._resting()
         if q is None:
             return
+        self.acted = mode in DRIVEN
         targets = self._targets
         targets["number"] += 1
         targets["stamp_s"], targets["state_sequence"] = began_s, status["sequence"]
@@ -120,11 +125,14 @@ class RobotRunner:
             # who stands has been seen by the operator, whose key goes on
             self._estimator.settle()
         reading = read_fields(self._pf, estimate.percept, self.policy.task)
-        self._targets["done"] = mode is Mode.CARRY and arrived(float(reading.goal_distance[0]))
         if mode is Mode.CARRY:
-            self._place_W = None
+            there = arrived(float(reading.goal_distance[0]))
+            self._targets["done"] = there
+            # who stops there stands at the goal, not where it was when it was near enough
+            self._place_W = self._goal_W if there else None
         else:
             # picking up and putting down are not there yet: the robot stands
+            self._targets["done"] = 0
             reading = self._standing(reading, estimate.percept)
         return self.policy.act(estimate.percept, reading)
 

@@ -1,0 +1,237 @@
+"""Success of the whole deployment in lock step: guard, runner, estimator and simulated robot over the link in memory.
+
+    python -m benchmarks.deploy [--scenes bench20] [--rollouts 1] [--seed 0] [--policy student] [--noise trained]
+        [--delays trained] [--dynamics drawn] [--json out.json]
+
+Each trial begins as those of `hotice evaluate`: the robot stands in the carry state, the box between its hands. Its
+own controller holds it so until the guard is ready, and lets go as the guard enters carry; from there every state,
+pose, tag, target and command goes the way that it goes on a robot, on a simulated clock, by the real time's rates.
+Success: `hotice.task.rules`, with contacts judged by MuJoCo in every physics step, the referee `exact`, within
+`HORIZON_S`. Unlike there the box is the same in all trials, its pose comes from tags, and nobody pushes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from hotice.console import PlainConsole
+from hotice.deploy import CheckedCommand, Link, MemoryBus
+from hotice.deploy.guard import Event, Guard, GuardConfig, Mode, Request
+from hotice.deploy.link.protocol import LinkCounts, ReceivedState
+from hotice.deploy.programs.prepare import Prepared, estimator_of
+from hotice.deploy.runner import RobotRunner
+from hotice.deploy.simulated import LivingClock, SimulatedRobot, SimulatedRobotConfig
+from hotice.deploy.sources import MemorySource, PoseSample, TagSample
+from hotice.errors import SimulationError
+from hotice.evaluate.trials import success_interval
+from hotice.fields import build_hod_pf
+from hotice.files import write_text
+from hotice.model import Box, solve_carry
+from hotice.model.shipped import resolve_scenes
+from hotice.policy import PolicyTask, open_policy
+from hotice.task.rules import PRECEDENCE, arrived
+
+STEP_S, TICK_STEPS = 0.002, 10
+HORIZON_S = 5.0
+STAY_S = 1.0
+"""Whether a robot stays at the goal is seen so long after its arrival."""
+BOX = (0.3, 0.3, 0.25, 1.5)
+WISHES = {Mode.OFF: Request.START, Mode.DAMPING: Request.POSTURE}
+
+
+class Withheld:
+    """A link whose commands do not reach the robot until it is opened. See `Link`."""
+
+    def __init__(self, link: Link) -> None:
+        self._link, self.open = link, False
+
+    def publish(self, command: CheckedCommand) -> None:
+        if self.open:
+            self._link.publish(command)
+
+    def state(self) -> ReceivedState | None:
+        return self._link.state()
+
+    def counts(self) -> LinkCounts:
+        return self._link.counts()
+
+    def close(self) -> None:
+        self._link.close()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How a trial went: `outcome` by its name in `hotice.task.rules`, or "stopped" by the guard."""
+
+    scene: str
+    seed: int
+    outcome: str
+    time_s: float
+    """From the guard's carry to the end [s]."""
+    stayed: bool
+    """Whether it stood at the goal `STAY_S` later, the box in its hands."""
+    refused: int
+    """Targets that the guard refused."""
+    faults: tuple[str, ...]
+    """What the guard told in carry, each once."""
+
+
+class Trial:
+    """One robot in lock step with its guard and its runner."""
+
+    def __init__(self, made: Prepared, config: SimulatedRobotConfig) -> None:
+        self.clock = LivingClock()
+        bus = MemoryBus(self.clock)
+        self.link = Withheld(bus.link())
+        poses, tags = MemorySource(self.clock, PoseSample.decode), MemorySource(self.clock, TagSample.decode)
+        self.robot = SimulatedRobot(config, bus.robot(), pose=poses, tags=tags, carry=made.carry, scene=made.pf.scene)
+        self.clock.every_step(self.robot.step)
+        self._targets = self._status = None
+        self._steps, self.told = 0, []
+        self.runner = RobotRunner(
+            made.policy,
+            made.pf,
+            made.carry,
+            estimator_of(made, poses, tags),
+            lambda: self._status,
+            self._put,
+            self.clock,
+        )
+        self.runner.warm()
+        self.guard = Guard(
+            self.link,
+            lambda: self._targets,
+            self._tell,
+            self.clock,
+            GuardConfig(posture_s=1.0),
+            wishes=self._wishes,
+            charge=lambda: 80.0,
+            on_event=self.told.append,
+        )
+
+    def step(self) -> None:
+        """2 ms of all."""
+        if self._steps % TICK_STEPS == 0:
+            self.runner.tick()
+        self.guard.tick()
+        self._steps += 1
+        self.clock.sleep(STEP_S)
+
+    def _wishes(self) -> Iterable[Request]:
+        if self.guard.mode is Mode.READY:
+            # this tick's command is the first that the robot gets
+            self.link.open = True
+            return (Request.CARRY,)
+        return (WISHES[self.guard.mode],) if self.guard.mode in WISHES and not self.link.open else ()
+
+    def _put(self, targets: np.ndarray) -> None:
+        self._targets = targets.copy()
+
+    def _tell(self, status: np.ndarray) -> None:
+        self._status = status.copy()
+
+
+def run_trial(made: Prepared, config: SimulatedRobotConfig) -> Outcome:
+    """A carry from the start to its end."""
+    trial = Trial(made, config)
+    world, goal = trial.robot.world, np.asarray(made.pf.scene.goal_W[:2])
+
+    def seen() -> str:
+        if world.failure or world.touched:
+            return min(filter(None, (world.failure, world.touched)), key=PRECEDENCE.index)
+        return "success" if arrived(float(np.linalg.norm(world.data.qpos[:2] - goal))) else ""
+
+    def outcome(limit_s: float, ends: str = "") -> str:
+        try:
+            for _ in range(round(limit_s / STEP_S)):
+                trial.step()
+                if trial.guard.mode is Mode.DAMPING and trial.link.open:
+                    return "stopped"
+                if (found := seen()) and found != ends:
+                    return found
+        except SimulationError:
+            return "unstable"
+        return ""
+
+    while not trial.link.open:
+        trial.step()
+    began_s = trial.clock.now()
+    result = outcome(HORIZON_S) or "timeout"
+    time_s = trial.clock.now() - began_s
+    stayed = result == "success" and not outcome(STAY_S, ends="success") and seen() == "success"
+    return Outcome(
+        scene=made.pf.scene.name,
+        seed=config.seed,
+        outcome=result,
+        time_s=time_s,
+        stayed=stayed,
+        refused=trial.guard.targets.refused,
+        faults=tuple(dict.fromkeys(_what(e) for e in trial.told if e.time_s > began_s)),
+    )
+
+
+def _what(event: Event) -> str:
+    return f"{event.mode.name.lower()}: {event.cause.name}: {event.text.split(':')[0]}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", nargs="+", default=["bench20"])
+    parser.add_argument("--rollouts", type=int, default=1, help="trials of each scene")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--policy", default="student")
+    parser.add_argument("--noise", choices=("none", "trained"), default="trained")
+    parser.add_argument("--delays", choices=("none", "trained"), default="trained")
+    parser.add_argument("--dynamics", choices=("nominal", "drawn"), default="drawn")
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    console, found = PlainConsole(), []
+    policy, carry = open_policy(args.policy), solve_carry(Box(BOX[:3], BOX[3]))
+    task = PolicyTask.from_meta(policy.meta, policy.name)
+    for number, scene in enumerate(resolve_scenes(args.scenes)):
+        made = Prepared(policy, build_hod_pf(scene, task.resolution_m, task.margin_m), carry)
+        for rollout in range(args.rollouts):
+            began_s = time.monotonic()
+            config = SimulatedRobotConfig(
+                box=BOX,
+                noise=args.noise,
+                delays=args.delays,
+                dynamics=args.dynamics,
+                seed=args.seed + 1000 * number + rollout,
+            )
+            result = run_trial(made, config)
+            found.append(result)
+            console.print(
+                f"{scene.name} {result.seed}: {result.outcome} after {result.time_s:.1f} s"
+                f"{', stayed' * result.stayed}; {result.refused} refused; {', '.join(result.faults) or 'no faults'}"
+                f" ({time.monotonic() - began_s:.0f} s)",
+                soft_wrap=True,
+            )
+    console.print(_table(found))
+    if args.json:
+        write_text(args.json, json.dumps([asdict(each) for each in found], indent=1))
+
+
+def _table(found: list[Outcome]) -> Table:
+    counts = Counter(each.outcome for each in found)
+    low, high = success_interval(counts["success"], len(found))
+    table = Table("", "", show_header=False)
+    table.add_row("trials", str(len(found)))
+    table.add_row("success", f"{counts['success'] / len(found):.1%} (95 % interval {low:.1%} to {high:.1%})")
+    table.add_row("stayed at the goal", str(sum(each.stayed for each in found)))
+    for outcome, count in counts.most_common():
+        table.add_row(outcome, str(count))
+    return table
+
+
+if __name__ == "__main__":
+    main()
