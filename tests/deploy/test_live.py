@@ -19,7 +19,8 @@ from hotice.deploy.seeing.live_server import MOST_READERS, LiveServer, receive
 from hotice.deploy.seeing.live_view import NICE, MomentSender
 from hotice.deploy.seeing.moments import MOMENT
 from hotice.errors import HoticeError
-from hotice.model import builder, g1, load_scene
+from hotice.model import Obstacle, Scene, builder, g1, load_scene
+from hotice.model.geometry.shapes import MeshShape
 from hotice.policy import PolicyTask, read_fields
 from hotice.replay import write_html
 from hotice.replay.html import live_page
@@ -87,6 +88,16 @@ def test_a_frame_has_every_solid_where_it_is(painter):
     np.testing.assert_allclose(
         frame["arrow_pos"][3 * head : 3 * head + 3], estimate_at(40).percept.p_WK[head], atol=1e-4
     )
+
+
+def test_a_scene_with_meshes_is_shown(tmp_path):
+    """What it is about goes through JSON to another process; the meshes' files are found there."""
+    (tmp_path / "wedge.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    wedge = Obstacle("wedge", "side", MeshShape("wedge.obj", 0.3, tmp_path), (1.3, 0.9, 0.0))
+    scene = Scene("wedge", obstacles=(wedge,))
+    painter = Painter(json.loads(json.dumps(about_run(scene, solved(BOX).carried, made().policy))))
+    (obstacle,) = painter.first().scene.obstacles
+    np.testing.assert_allclose(obstacle.shape.mesh().vertices.max(axis=0), 0.3)
 
 
 def test_a_frame_says_ages_lateness_and_mode(painter):
