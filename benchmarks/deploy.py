@@ -180,7 +180,7 @@ def run_trial(made: Prepared, config: SimulatedRobotConfig) -> Outcome:
 
 
 def _what(event: Event) -> str:
-    return f"{event.mode.name.lower()}: {event.cause.name}: {event.text.split(':')[0]}"
+    return f"{event.mode.name.lower()}: {event.text}"
 
 
 def main() -> None:

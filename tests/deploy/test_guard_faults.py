@@ -174,6 +174,20 @@ def test_torque_of_targets():
         assert f"{g1.ALL_JOINTS[i]} is asked for 1.6 of its torque" in why(targets(), q=measured)
 
 
+def test_a_joint_that_its_load_pushed_away_is_not_the_new_targets_fault():
+    """A wrist is told to stay where it is; the box bends it by more than its motor can hold."""
+    i = g1.ALL_JOINTS.index("right_wrist_yaw_joint")
+    measured = targets()["q"].copy()
+    measured[i] -= 1.9 * torque_limits()[i] / KP[i]
+    before = targets(stamp_s=0.98)
+    assert "is asked for 1.9 of its torque" in why(targets(), q=measured)
+    assert why(targets(), before, measured) == ""
+    less, more = targets(), targets()
+    less["q"][i], more["q"][i] = less["q"][i] - 0.01, more["q"][i] + 0.01
+    assert why(less, before, measured) == ""
+    assert "right_wrist_yaw_joint is asked for" in why(more, before, measured)
+
+
 def test_stamps_and_ages_of_targets():
     assert "in the future" in why(targets(stamp_s=1.0051)) and why(targets(stamp_s=1.0049)) == ""
     assert "age of box or pose" in why(targets(box_age_s=np.nan)) and "age" in why(targets(pose_age_s=-0.1))
