@@ -460,7 +460,7 @@
     const silent = heard.at === null ? null : (performance.now() - heard.at) / 1000;
     const old = heard.over || silent === null || silent > STALE_S;
     $("outcome").textContent = heard.over ? "over" : silent === null ? "waiting" : old ? "no news" : heard.mode;
-    $("outcome").className = "badge " + (old ? "failure" : "success");
+    $("outcome").className = "badge " + (old || heard.mode === "damping" ? "failure" : "success");
     $("distance").textContent = silent === null ? "nothing has come yet"
       : old ? `last ${heard.mode}, ${silent.toFixed(1)} s ago` : `${heard.time.toFixed(2)} s`;
   }

@@ -10,6 +10,8 @@ import pytest
 from hotice.commands.program import main
 from hotice.deploy.log.writer import LogWriter
 from hotice.deploy.seeing import read_run, rollout_record
+from hotice.deploy.seeing.recorded import LoggedEvent
+from hotice.deploy.seeing.rollout import outcome_of
 from hotice.errors import InputError
 from hotice.model import builder, g1
 from hotice.replay import RolloutEvent, write_html
@@ -94,6 +96,22 @@ def test_modes_and_faults_are_events(record):
         RolloutEvent(time_s=1001.5, kind="mode", text="damping: leans by 1.1 rad"),
     )
     assert record.outcome == "fall"
+
+
+@pytest.mark.parametrize(
+    ("told", "outcome"),
+    [
+        ([("damping", "operator"), ("posture", "operator"), ("ready", "done")], "running"),
+        ([("ready", "done"), ("carry", "operator"), ("hold", "done"), ("damping", "lean")], "success"),
+        ([("ready", "done"), ("damping", "state age"), ("damping", "lean")], "running"),
+        ([("carry", "operator"), ("hold", "box unseen"), ("damping", "joint speed")], "fall"),
+        ([("carry", "operator"), ("damping", "operator"), ("damping", "lean")], "running"),
+        ([], "running"),
+    ],
+)
+def test_the_outcome_is_that_of_the_change_that_decides(told, outcome):
+    """Reaching the posture is no success, and a robot that brakes already may lean."""
+    assert outcome_of([(float(i), LoggedEvent(*each, "")) for i, each in enumerate(told)]) == outcome
 
 
 def test_the_page_has_frames_and_events(record, tmp_path):

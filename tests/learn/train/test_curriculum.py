@@ -96,9 +96,9 @@ def test_a_run_with_stages_goes_on_bit_for_bit(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "FALL", -1.0)
     monkeypatch.setattr(module, "RISE", -0.5)  # every rate lets it climb
     options = dict(scenes=("open_floor", "gap"), curriculum_distance_m=0.5, curriculum_objects=0.4)
-    Runner(tiny(tmp_path / "whole", updates=6, **options)).train()
-    Runner(tiny(tmp_path / "parts", updates=3, **options)).train()
-    middle = Runner(tiny(tmp_path / "parts", updates=6, resume=True, **options))
+    Runner(tiny(tmp_path / "whole", updates=10, **options)).train()
+    Runner(tiny(tmp_path / "parts", updates=6, **options)).train()
+    middle = Runner(tiny(tmp_path / "parts", updates=10, resume=True, **options))
     assert sum(middle.stages.rung.values()) > 0 and middle.env.starter.near.limit_m > 0.5
     middle.train()
     a, b = (load_checkpoint(tmp_path / name)[0] for name in ("whole", "parts"))
