@@ -33,7 +33,7 @@ $(VENV)/.core: pyproject.toml constraints.txt | $(BIN)/python
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP_INSTALL) -e ".[dev,drake,gpu,video,cluster,deploy]"
+	$(PIP_INSTALL) -e ".[dev,drake,gpu,video,cluster,deploy,mcap]"
 	@$(BIN)/python tools/check_no_cuda.py
 	@touch $@ $(VENV)/.core
 

@@ -16,7 +16,7 @@ import json
 import math
 import multiprocessing
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, replace
 from pathlib import Path
@@ -89,6 +89,23 @@ def compared(base: Trials, other: Trials) -> dict[str, float]:
     }
 
 
+def measure(
+    config: EvaluateConfig, names: Sequence[str], processes: int, out: Path | None
+) -> dict[str, dict[str, float]]:
+    """Results by variant, `BASE` first; `out` is written after each variant, so that what is done is not lost."""
+    scenes = len(Scorer.of(config).scenes)
+    results: dict[str, dict[str, float]] = {}
+    base = None
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        for name in track(names, "variants", console=Console(stderr=True)):
+            trials = Trials.joined(pool.map(score, [(config, name, scene) for scene in range(scenes)]))
+            base = trials if base is None else base
+            results[name] = compared(base, trials)
+            if out:
+                write_text(out, json.dumps(results, indent=1) + "\n")
+    return results
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--policy", default="student")
@@ -114,18 +131,10 @@ def main(arguments: list[str] | None = None) -> int:
             shapes=(args.shape,),
             referees=("exact",),
         )
-        scenes = len(Scorer.of(config).scenes)
-        jobs = [(config, name, scene) for name in names for scene in range(scenes)]
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(args.processes, context) as pool:
-            done = list(track(pool.map(score, jobs), "blocks of trials", len(jobs), console=Console(stderr=True)))
+        results = measure(config, names, args.processes, args.out)
     except HoticeError as error:
         print(f"costs: {error}", file=sys.stderr)
         return 2
-    scored = {name: Trials.joined(done[i * scenes : (i + 1) * scenes]) for i, name in enumerate(names)}
-    results = {name: compared(scored[BASE], trials) for name, trials in scored.items()}
-    if args.out:
-        write_text(args.out, json.dumps(results, indent=1) + "\n")
     table = Table("", "Success", "Gain [points]", "Won", "Lost", "Distance [m]")
     for name, r in results.items():
         gain = "" if name == BASE else f"{100 * r['gain']:+.1f} ± {196 * r['error']:.1f}"

@@ -5,13 +5,15 @@ from typing import TYPE_CHECKING
 from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
+    from hotice.replay.events import RolloutEvent
     from hotice.replay.explorer import field_explorer
     from hotice.replay.html import write_html
     from hotice.replay.import_picture import write_import_picture
     from hotice.replay.maps import draw_map
     from hotice.replay.picture import film_strip, write_overview
-    from hotice.replay.rollout import InvalidRollout, RolloutRecord
+    from hotice.replay.rollout import RolloutRecord
     from hotice.replay.scene_view import scene_page
+    from hotice.replay.shown import InvalidRollout
     from hotice.replay.slices import draw_descent, draw_slice
     from hotice.replay.video import write_video
     from hotice.task.rules import OUTCOMES
@@ -21,6 +23,7 @@ else:
 __all__ = [
     "InvalidRollout",
     "OUTCOMES",
+    "RolloutEvent",
     "RolloutRecord",
     "draw_descent",
     "draw_map",

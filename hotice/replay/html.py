@@ -1,4 +1,7 @@
-"""A replay page: one HTML file that holds the viewer, three.js and the rollouts, and loads nothing from anywhere."""
+"""A replay page: one HTML file that holds the viewer, three.js and the rollouts, and loads nothing from anywhere.
+
+The page of a robot that lives is the same viewer, which hears its own server and nobody else.
+"""
 
 from __future__ import annotations
 
@@ -37,16 +40,33 @@ def write_html(records: Sequence[RolloutRecord], path: str | Path, *, frames_per
     """
     if not records:
         raise HoticeError("a replay page needs at least one rollout: none was given")
-    page = {"goal_radius_m": GOAL_M, "records": [_pack(r.every(1.0 / frames_per_s)) for r in records]}
+    return write_bytes(path, _page([_pack(r.every(1.0 / frames_per_s)) for r in records]).encode())
+
+
+def live_page(record: RolloutRecord, events: str) -> str:
+    """The page of a robot that lives: it shows the solids of a record, and takes frames from its own server.
+
+    Args:
+        record: the first of its frames is the first shown, robot and object hidden until a frame comes.
+        events: path of the server-sent events; each is JSON with time [s], mode, facts (name, text, whether it is
+            marked), events, and geom_pos, geom_quat, arrow_pos, arrow_force, root_pos, object_pos as flat lists, which
+            are left out where robot and object are not known.
+    """
+    return _page([_pack(record)], live=events)
+
+
+def _page(records: list[dict[str, Any]], live: str | None = None) -> str:
+    page = {"goal_radius_m": GOAL_M, "records": records, "live": live}
     folder = files("hotice.replay")
     parts = {
         "css": (folder / "viewer.css").read_text(encoding="utf-8"),
+        "connect": "'none'" if live is None else "'self'",
         "data": _script_safe(json.dumps(page, separators=(",", ":"), allow_nan=False)),
         "three": _three_js(),
         "viewer": (folder / "viewer.js").read_text(encoding="utf-8"),
     }
     template = (folder / "viewer.html").read_text(encoding="utf-8")
-    return write_bytes(path, _PLACE.sub(lambda match: parts[match[1]], template).encode())
+    return _PLACE.sub(lambda match: parts[match[1]], template)
 
 
 def describe(carried: CarriedObject) -> str:
@@ -81,6 +101,10 @@ def _pack(record: RolloutRecord) -> dict[str, Any]:
         "carried": describe(record.carried),
         "obstacle_text": ", ".join(f"{n} {c}" for c, n in counts.items() if n) or "none",
         "time": [round(float(t), 4) for t in record.time_s - record.time_s[0]],
+        "events": [
+            {"time": round(e.time_s - float(record.time_s[0]), 4), "kind": e.kind, "text": e.text}
+            for e in record.events
+        ],
         "geoms": [
             {"type": kind, "size": size.tolist(), "rgba": rgba.round(3).tolist(), "object": bool(is_object)}
             for kind, size, rgba, is_object in zip(

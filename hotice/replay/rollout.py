@@ -6,8 +6,9 @@ import io
 import json
 import tempfile
 import zipfile
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +22,15 @@ from hotice.files import read_bytes, write_bytes
 from hotice.model.geometry.shapes import MeshShape
 from hotice.model.objects import CarriedObject, object_from_dict
 from hotice.model.scene import Scene
+from hotice.replay.events import RolloutEvent
+from hotice.replay.shown import GROUPS, InvalidRollout, ShownSolids
 from hotice.replay.solids import SOLIDS
 from hotice.task.rules import OUTCOMES
 
 FORMAT = "hotice-rollout/1"
 MAX_FILE_BYTES = 512 * 2**20
 MAX_UNPACKED_BYTES = 4 * MAX_FILE_BYTES
-_TYPE_NAMES = {int(getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}")): name for name in SOLIDS}
 _unpacked: list[tempfile.TemporaryDirectory] = []  # meshes of loaded records, kept until the program ends
-
-
-class InvalidRollout(HoticeError):
-    """A rollout record or its file that cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +69,8 @@ class RolloutRecord:
     """(K,) True where the vector is of the Object-Centric Guidance Field, False for the Standard one."""
     outcome: str
     policy: str
+    events: tuple[RolloutEvent, ...] = ()
+    """In the order of time."""
 
     def __post_init__(self) -> None:
         frames, solids, arrows = len(self.time_s), len(self.geom_names), len(self.arrow_is_ogf)
@@ -102,6 +102,8 @@ class RolloutRecord:
             raise InvalidRollout(f"a record of {frames} frames and {solids} solids: at least one of each is needed")
         if (np.diff(self.time_s) <= 0).any():
             raise InvalidRollout("time_s must grow from frame to frame")
+        if any(b.time_s < a.time_s for a, b in pairwise(self.events)):
+            raise InvalidRollout("events must be in the order of time")
         if len(self.geom_types) != solids:
             raise InvalidRollout(f"{len(self.geom_types)} geom_types for {solids} geom_names")
         for kind, known in ((self.outcome, OUTCOMES), *((t, SOLIDS) for t in self.geom_types)):
@@ -158,7 +160,8 @@ class RolloutRecord:
         arrow_pos_W: ArrayLike | None = None,
         arrow_force_W: ArrayLike | None = None,
         arrow_is_ogf: ArrayLike | None = None,
-        groups: Collection[int] = (0, 1, 2),
+        events: Iterable[RolloutEvent] = (),
+        groups: Collection[int] = GROUPS,
         root_body: str = "pelvis",
         object_body: str = "object",
     ) -> RolloutRecord:
@@ -177,6 +180,7 @@ class RolloutRecord:
             arrow_pos_W: (T, K, 3) or None for a record without arrows.
             arrow_force_W: (T, K, 3).
             arrow_is_ogf: (K,).
+            events: on the time line.
             groups: MuJoCo geom groups that are shown.
             root_body: body whose position is the root's.
             object_body: body of the carried object.
@@ -187,41 +191,28 @@ class RolloutRecord:
         qpos = np.atleast_2d(np.asarray(qpos, dtype=float))
         if qpos.shape[1:] != (model.nq,):
             raise InvalidRollout(f"qpos has shape {qpos.shape}: (T, {model.nq}) is needed for this model")
-        root, carried_id = _body(model, root_body), _body(model, object_body)
-        shown = _shown_geoms(model, groups)
-        data = mujoco.MjData(model)
-        pos, quat = np.empty((len(qpos), len(shown), 3)), np.empty((len(qpos), len(shown), 4))
-        root_pos, object_pos = np.empty((len(qpos), 3)), np.empty((len(qpos), 3))
-        for t, state in enumerate(qpos):
-            data.qpos[:] = state
-            mujoco.mj_kinematics(model, data)
-            pos[t] = data.geom_xpos[shown]
-            for g, geom in enumerate(shown):
-                mujoco.mju_mat2Quat(quat[t, g], data.geom_xmat[geom])
-            root_pos[t], object_pos[t] = data.xpos[root], data.xpos[carried_id]
+        if not len(qpos):
+            raise InvalidRollout("a record of 0 frames: at least one is needed")
+        solids = ShownSolids(model, groups, root_body, object_body)
+        placed = [solids.place(state) for state in qpos]
+        pos, quat, root_pos, object_pos = (np.array(part) for part in zip(*placed, strict=True))
         arrows: dict[str, Any] = {}
         if arrow_pos_W is not None:
             if arrow_force_W is None or arrow_is_ogf is None:
                 raise InvalidRollout("arrows need arrow_pos_W, arrow_force_W and arrow_is_ogf together")
             arrows = dict(arrow_pos_W=arrow_pos_W, arrow_force_W=arrow_force_W, arrow_is_ogf=arrow_is_ogf)
-        material = model.geom_matid[shown]
-        rgba = model.geom_rgba[shown].astype(float)
-        rgba[material >= 0] = model.mat_rgba[material[material >= 0]]
         return cls(
             scene=scene,
             carried=carried,
             time_s=np.asarray(time_s, dtype=float),
-            geom_names=[model.geom(int(g)).name or f"geom_{g}" for g in shown],
-            geom_types=[_TYPE_NAMES[int(model.geom_type[g])] for g in shown],
-            geom_sizes=model.geom_size[shown].copy(),
-            geom_rgba=rgba,
             geom_pos_W=pos,
             geom_quat_W=quat,
-            geom_is_object=model.geom_bodyid[shown] == carried_id,
             root_pos_W=root_pos,
             object_pos_W=object_pos,
             outcome=outcome,
             policy=policy,
+            events=tuple(events),
+            **solids.described(),
             **arrows,
         )
 
@@ -236,9 +227,13 @@ class RolloutRecord:
             "geom_types": self.geom_types,
             "outcome": self.outcome,
             "policy": self.policy,
+            "events": [asdict(event) for event in self.events],
         }
         arrays = {k: v.astype(np.float32) if v.dtype == float else v for k, v in arrays.items() if k not in text}
         arrays["time_s"] = self.time_s
+        if not self.events:
+            # readers of before there were events read it, too
+            del text["events"]
         shapes = [o.shape for o in self.scene.obstacles]
         meshes = {shape.file: shape.path for shape in shapes if isinstance(shape, MeshShape)}
         text["meshes"] = list(meshes)
@@ -265,6 +260,7 @@ class RolloutRecord:
             folder = _unpack_meshes(text.pop("meshes"), arrays)
             text["scene"] = Scene.from_dict(text["scene"], folder=folder)
             text["carried"] = object_from_dict(text["carried"])
+            text["events"] = tuple(RolloutEvent(**event) for event in text.get("events", ()))
             return cls(**text, **arrays)
         except InputError as error:
             raise InvalidRollout(str(error)) from None
@@ -274,24 +270,6 @@ class RolloutRecord:
             raise InvalidRollout(f"{path}: is not a rollout record: {error}") from None
         except HoticeError as error:
             raise InvalidRollout(f"{path}: {error}") from None
-
-
-def _body(model: mujoco.MjModel, name: str) -> int:
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-    if index < 0:
-        known = ", ".join(model.body(i).name for i in range(model.nbody))
-        raise InvalidRollout(f"the model has no body {name!r}: known are {known}")
-    return index
-
-
-def _shown_geoms(model: mujoco.MjModel, groups: Collection[int]) -> NDArray[np.int64]:
-    moving = model.body_weldid[model.geom_bodyid] != 0
-    visible = np.isin(model.geom_group, list(groups)) & (model.geom_rgba[:, 3] > 0)
-    shown = np.flatnonzero(moving & visible)
-    for geom in shown:
-        if int(model.geom_type[geom]) not in _TYPE_NAMES:
-            raise InvalidRollout(f"geom {model.geom(int(geom)).name!r} is not one of {', '.join(SOLIDS)}")
-    return shown
 
 
 def _unpack_meshes(names: Sequence[str], arrays: dict[str, np.ndarray]) -> Path | None:

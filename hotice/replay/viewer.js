@@ -102,6 +102,25 @@
     return line;
   }
 
+  // A path that grows; of the oldest points one half goes when it is full.
+  class Trail {
+    constructor(color, most = 4000) {
+      this.points = new Float32Array(3 * most);
+      this.count = 0;
+      this.line = path(this.points, color);
+      this.line.geometry.setDrawRange(0, 0);
+    }
+    add(point) {
+      if (3 * this.count === this.points.length) {
+        this.count >>= 1;
+        this.points.copyWithin(0, this.points.length - 3 * this.count);
+      }
+      this.points.set(point, 3 * this.count++);
+      this.line.geometry.setDrawRange(0, this.count);
+      this.line.geometry.attributes.position.needsUpdate = true;
+    }
+  }
+
   // Lines every 0.5 m, 2 m beyond the scene; one short segment per cell, as some drivers drop lines that pass the camera.
   function floorGrid(low, high) {
     const cell = 0.5;
@@ -163,7 +182,9 @@
       this.root = new THREE.Group();
       this.addScene(record.scene);
       this.geoms = record.geoms.map((geom) => this.addGeom(geom));
-      this.paths = [path(record.root_pos, 0x334155), path(record.object_pos, 0xc2410c)];
+      this.trails = page.live ? [new Trail(0x334155), new Trail(0xc2410c)] : [];
+      this.paths = page.live ? this.trails.map((trail) => trail.line)
+        : [path(record.root_pos, 0x334155), path(record.object_pos, 0xc2410c)];
       const rows = record.arrow_is_ogf.map((_, row) => row);
       this.sgf = new Arrows(record, rows.filter((row) => !record.arrow_is_ogf[row]), SGF);
       this.ogf = new Arrows(record, rows.filter((row) => record.arrow_is_ogf[row]), OGF);
@@ -262,12 +283,37 @@
     $("outcome").textContent = record.outcome.replaceAll("_", " ");
     $("outcome").className = "badge " + (["success", "timeout", "running"].includes(record.outcome) ? record.outcome : "failure");
     $("distance").textContent = record.distance_m.toFixed(2) + " m from the goal";
-    const facts = { Policy: record.policy, Object: record.carried, Obstacles: record.obstacle_text };
-    $("facts").replaceChildren(...Object.entries(facts).flatMap(([name, text]) => {
+    listFacts([["Policy", record.policy], ["Object", record.carried], ["Obstacles", record.obstacle_text]]);
+  }
+  function listFacts(rows) {
+    $("facts").replaceChildren(...rows.flatMap(([name, text, bad]) => {
       const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
       dt.textContent = name;
       dd.textContent = text;
+      dd.className = bad ? "bad" : "";
       return [dt, dd];
+    }));
+  }
+
+  // Marks above the slider, and a list whose rows lead to their time; what is over is bold.
+  function tell(record) {
+    const [first, last] = [record.time[0], record.time[record.time.length - 1]];
+    const inside = (t) => Math.min(Math.max(t, first), last);
+    $("story").hidden = record.events.length === 0;
+    $("marks").replaceChildren(...record.events.map((event) => {
+      const mark = document.createElement("i");
+      mark.className = event.kind;
+      mark.title = event.text;
+      mark.style.left = `${last > first ? 100 * (inside(event.time) - first) / (last - first) : 0}%`;
+      return mark;
+    }));
+    $("events").replaceChildren(...record.events.map((event) => {
+      const [row, button] = [document.createElement("li"), document.createElement("button")];
+      button.className = event.kind;
+      button.textContent = `${event.time.toFixed(2)} s  ${event.text}`;
+      button.addEventListener("click", () => { setPlaying(false); state.time = inside(event.time); });
+      row.append(button);
+      return row;
     }));
   }
   function select(index) {
@@ -283,6 +329,7 @@
     $("time").min = record.time[0];
     $("time").max = record.time[record.time.length - 1];
     describe(record);
+    tell(record);
     followed = null;
     frame("angle");
   }
@@ -328,6 +375,7 @@
   for (const button of document.querySelectorAll("[data-view]"))
     button.addEventListener("click", () => frame(button.dataset.view));
   window.addEventListener("keydown", (event) => {
+    if (page.live) return;
     if (["SELECT", "INPUT"].includes(document.activeElement.tagName) && event.key !== " ") return;
     const action = {
       " ": () => setPlaying(!state.playing), ArrowRight: () => step(1), ArrowLeft: () => step(-1),
@@ -371,10 +419,50 @@
     }
     sun.target.position.set(root[0], root[1], 0);
     sun.position.set(root[0] - 1.6, root[1] - 2.2, 5.5);
+    if (page.live) stale();
+    else record.events.forEach((event, i) =>
+      $("events").children[i].firstChild.classList.toggle("past", event.time <= state.time));
     $("time").value = String(state.time);
     $("clock").textContent = `${state.time.toFixed(2)} / ${end.toFixed(2)} s`;
     orbit.update();
     renderer.render(stage, camera);
+  }
+
+  // ---- a robot that lives ----------------------------------------------------------------------------------------
+  const STALE_S = 0.5;
+  const heard = { at: null, over: false, mode: "waiting", time: 0 };
+  function hear() {
+    const record = page.records[0];
+    document.body.classList.add("live");
+    for (const mesh of show.geoms) mesh.visible = false;
+    const source = new EventSource(page.live);
+    source.addEventListener("message", (message) => {
+      const now = JSON.parse(message.data);
+      const known = now.geom_pos !== undefined;
+      for (const mesh of show.geoms) mesh.visible = known;
+      if (known) {
+        for (const key of ["geom_pos", "geom_quat", "arrow_pos", "arrow_force", "root_pos", "object_pos"])
+          record[key].set(now[key]);
+        show.trails[0].add(now.root_pos);
+        show.trails[1].add(now.object_pos);
+      } else record.arrow_force.fill(0);
+      listFacts([["Policy", record.policy], ["Object", record.carried], ...now.facts]);
+      if (JSON.stringify(now.events) !== JSON.stringify(record.events)) {
+        record.events = now.events;
+        tell(record);
+      }
+      Object.assign(heard, { at: performance.now(), mode: now.mode, time: now.time });
+    });
+    source.addEventListener("over", () => { heard.over = true; source.close(); });
+  }
+  // The mode, or that nothing new has come, for a page must not look alive when its robot does not.
+  function stale() {
+    const silent = heard.at === null ? null : (performance.now() - heard.at) / 1000;
+    const old = heard.over || silent === null || silent > STALE_S;
+    $("outcome").textContent = heard.over ? "over" : silent === null ? "waiting" : old ? "no news" : heard.mode;
+    $("outcome").className = "badge " + (old ? "failure" : "success");
+    $("distance").textContent = silent === null ? "nothing has come yet"
+      : old ? `last ${heard.mode}, ${silent.toFixed(1)} s ago` : `${heard.time.toFixed(2)} s`;
   }
 
   // "#rollout=2&time=1.5&view=side&pause" opens the page there, for links and for pictures of it.
@@ -384,5 +472,6 @@
   select(Math.max(Number(wish.get("rollout") ?? 1) - 1, 0) || 0);
   if (Number.isFinite(Number(wish.get("time") ?? NaN))) state.time = Number(wish.get("time"));
   if (["angle", "side", "front", "top"].includes(wish.get("view"))) frame(wish.get("view"));
+  if (page.live) hear();
   requestAnimationFrame(tick);
 })();

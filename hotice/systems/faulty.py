@@ -1,7 +1,7 @@
 """Faults injected into a station's signals: values that cannot be, and what freezes, comes late or is lost."""
 
 # pydrake's stubs type arrays as numpy does not:
-# pyright: reportArgumentType=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportReturnType=false
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Percepts in which what is lost or cannot be is replaced: object and pelvis by where they were."""
 
 # pydrake's stubs type arrays as numpy does not:
-# pyright: reportArgumentType=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportReturnType=false
 
 from __future__ import annotations
 

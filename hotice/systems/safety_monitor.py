@@ -4,7 +4,7 @@ What is a fault, and what is done about it, is said in `hotice.safety`, whose lo
 """
 
 # pydrake's stubs type arrays as numpy does not:
-# pyright: reportArgumentType=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
 
 from __future__ import annotations
 

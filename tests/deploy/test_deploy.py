@@ -2,6 +2,7 @@
 
 import hashlib
 import itertools
+import json
 import os
 import re
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from hotice.deploy.programs.options import GuardOptions, RunnerOptions
 from hotice.deploy.programs.prepare import prepare
 from hotice.deploy.programs.saying import Saying
 from hotice.deploy.recording import replay_log
+from hotice.deploy.seeing import read_run, rollout_record
 from hotice.deploy.slot import GuardSlot, SlotError, SlotWatch
 from hotice.deploy.slot.records import STATUS, TARGETS
 from hotice.errors import CheckpointError, InvalidConfig
@@ -44,6 +47,7 @@ LONG_S = 120.0
         {"robot": "g1", "interface": "lo", "map": Path("map.pcd")},
         {"domain": 231},
         {"pose_port": 0},
+        {"view_port": 65536},
         {"box": (0.3, 0.3, 0.25, 0.0)},
         {"pose_latency_s": 1.0},
     ],
@@ -223,12 +227,35 @@ def shared():
     return ["--domain", next(DOMAINS), "--pose-port", port, "--tags-port", port + 1]
 
 
+class Frames:
+    """A reader of the live page, until it is over."""
+
+    def __init__(self, url):
+        self.count, self.modes, self.over = 0, [], False
+        self._stream = urllib.request.urlopen(f"{url}events", timeout=LONG_S)
+        self._thread = threading.Thread(target=self._read)
+        self._thread.start()
+
+    def _read(self):
+        for line in self._stream:
+            if line.startswith(b'data: {"time'):
+                self.count += 1
+                mode = json.loads(line.removeprefix(b"data: "))["mode"]
+                self.modes += [mode] if self.modes[-1:] != [mode] else []
+            self.over = self.over or line == b"event: over\n"
+
+    def end(self):
+        self._thread.join(LONG_S)
+        return self.over
+
+
 @pytest.mark.slow
 def test_from_the_gantry_to_the_goal_over_loopback(programs, tmp_path):
     """Guard, runner and robot in three processes: hung up, handed the box, lowered, carries, holds, lowers, brakes."""
     network = shared()
-    deploy = programs("deploy", "--log", tmp_path / "log", *network)
-    deploy.hear("runner: warm")
+    deploy = programs("deploy", "--view", "--log", tmp_path / "log", *network)
+    deploy.hear("live page: http")
+    frames = Frames(re.search(r"live page: (http://127\.0\.0\.1:\d+/)", deploy.text)[1])
     press = "start@2s L2+up@4s F1@8.5s F1@12s F2@14s R1+X@17s R1+down@32s select@34s".split()
     robot = programs("robot-sim", "--start", "held", "--duration-s", 36, *network, "--press", *press)
     assert robot.end() == 0
@@ -238,6 +265,13 @@ def test_from_the_gantry_to_the_goal_over_loopback(programs, tmp_path):
     assert modes == ["damping", "posture", "ready", "carry", "hold", "lower", "damping"], deploy.text
     found = replay_log(tmp_path / "log")
     assert found.ticks == found.ticks_equal > 1000 and found.actions == found.actions_equal > 100
+    assert frames.end() and frames.count > 100 and frames.modes == ["off", *modes]
+    run = read_run(tmp_path / "log")
+    record = rollout_record(run)
+    told = [event.text.split(":")[0] for event in record.events if event.kind == "mode"]
+    assert told == modes and record.outcome == "success"
+    there = record.time_s > [t for t, event in run.events if event.mode == "hold"][0]
+    assert np.linalg.norm(record.root_pos_W[there][0, :2] - run.scene.goal) < 0.12
     assert "refused: none" in robot.text and "given to the robot" in robot.text
     assert "no obstacle" in robot.text
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hotice.errors import HoticeError, OutputError
-from hotice.replay import write_html
+from hotice.replay import RolloutEvent, write_html
 from hotice.replay.html import _quantised, _without_sign_flips
 
 NASTY = "</script><script>alert(1)</script><!-- /*{{three}}*/ ' \" & \\u003c"
@@ -49,7 +49,15 @@ def values(packed: dict) -> np.ndarray:
 @pytest.fixture(scope="module")
 def text(record, tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("html") / "replay.html"
-    second = replace(record, scene=record.scene.renamed(NASTY), outcome="object_collision", policy=NASTY)
+    event = RolloutEvent(time_s=0.5, kind="fault", text=NASTY)
+    second = replace(
+        record,
+        scene=record.scene.renamed(NASTY),
+        outcome="object_collision",
+        policy=NASTY,
+        time_s=record.time_s + 7.0,
+        events=(event, replace(event, time_s=7.5)),
+    )
     write_html([record, second], path)
     return path.read_text(encoding="utf-8")
 
@@ -74,6 +82,12 @@ def test_page_holds_the_rollouts(text, record):
     thin = record.every(0.04)
     np.testing.assert_allclose(values(first["geom_pos"]), thin.geom_pos_W.ravel(), atol=1e-4)
     np.testing.assert_allclose(values(first["arrow_force"]), thin.arrow_force_W.ravel(), atol=1e-4)
+
+
+def test_events_are_on_the_page_s_own_clock(text):
+    first, second = Page(text).data["records"]
+    assert first["events"] == [] and [e["time"] for e in second["events"]] == [-6.5, 0.5]
+    assert {(e["kind"], e["text"]) for e in second["events"]} == {("fault", NASTY)}
 
 
 def test_names_cannot_break_out_of_the_data(text):

@@ -6,7 +6,7 @@ import pytest
 
 from hotice.errors import HoticeError, OutputError
 from hotice.model import Box
-from hotice.replay import InvalidRollout, RolloutRecord
+from hotice.replay import InvalidRollout, RolloutEvent, RolloutRecord
 
 
 def test_places_what_is_visible_and_moves(record, toy):
@@ -62,6 +62,22 @@ def test_round_trip(record, tmp_path):
     assert back.scene.to_dict() == record.scene.to_dict()
     assert [p.name for p in tmp_path.iterdir()] == ["rollout.npz"]
     np.testing.assert_allclose(back.scene.obstacles[-1].shape.mesh().vertices.max(axis=0), [0.3, 0.3, 0.4])
+
+
+def test_events_come_back(record, tmp_path):
+    events = (
+        RolloutEvent(time_s=-0.5, kind="mode", text="posture"),
+        RolloutEvent(time_s=1.25, kind="fault", text="box not seen"),
+    )
+    told = replace(record, events=events)
+    assert RolloutRecord.load(told.save(tmp_path / "told.npz")).events == events
+    assert told.every(0.07).events == events
+    assert b'"events"' not in np.load(record.save(tmp_path / "none.npz"))["json"].tobytes()
+    with pytest.raises(InvalidRollout, match="order of time"):
+        replace(record, events=events[::-1])
+    for wrong in ({"time_s": np.nan}, {"text": 401 * "x"}, {"kind": "party"}):
+        with pytest.raises(HoticeError, match="event"):
+            replace(events[0], **wrong)
 
 
 def test_thinning_keeps_first_and_last_frame(record):

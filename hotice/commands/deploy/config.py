@@ -48,6 +48,10 @@ class DeployConfig:
     log: Path | None = None
     """Folder for the log of everything, about 80 MB a minute; without it a ring of the last minute lies in the user's
     own cache."""
+    view: bool = False
+    """Show the robot live on a page in the browser, for this machine alone; its address is told."""
+    view_port: int = 0
+    """Port of that page; 0 takes any free one."""
     pose_port: int = POSE_PORT
     """UDP port on this machine to which localization is sent."""
     tags_port: int = TAGS_PORT
@@ -60,6 +64,7 @@ class DeployConfig:
         checks.vector("box", self.box, 4, checks.POSITIVE)
         if self.domain is not None:
             checks.whole("domain", self.domain, Range(least=0, most=LARGEST_DOMAIN))
+        checks.whole("view_port", self.view_port, Range(least=0, most=65535))
         checks.whole("pose_port", self.pose_port, PORT)
         checks.whole("tags_port", self.tags_port, PORT)
         checks.number("pose_latency_s", self.pose_latency_s, LATENCY)

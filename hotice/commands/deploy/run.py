@@ -128,6 +128,7 @@ def _runner_options(config: DeployConfig, folder: str, keep_s: float | None) -> 
         pose_latency_s=config.pose_latency_s,
         log=folder,
         keep_s=keep_s,
+        view_port=config.view_port if config.view else None,
     )
 
 

@@ -47,6 +47,8 @@ class RunnerOptions:
     log: str
     pose_latency_s: float = 0.0
     keep_s: float | None = None
+    view_port: int | None = None
+    """Port of the live page, 0: any free one; None: no page."""
 
     def text(self) -> str:
         """As an argument."""

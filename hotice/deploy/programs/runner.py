@@ -18,6 +18,7 @@ from hotice.deploy.programs.saying import Saying, ended
 from hotice.deploy.recording.replay import NAME, digests
 from hotice.deploy.recording.runner_log import RunnerLog, kinds, width
 from hotice.deploy.runner.runner import RobotRunner
+from hotice.deploy.seeing.live_view import LiveView
 from hotice.deploy.slot.slot import RunnerSlot
 from hotice.deploy.sources.records import PoseSample, TagSample
 from hotice.deploy.sources.udp import UdpSource
@@ -43,6 +44,12 @@ def main(options: RunnerOptions) -> None:
         blind = estimator_of(made, poses, tags)
         # all is compiled before this process goes before others, and without the log
         RobotRunner(made.policy, made.pf, made.carry, blind, lambda: None, lambda targets: None, clock).warm()
+        after = []
+        if options.view_port is not None:
+            say(stage="live page")
+            view = stack.enter_context(LiveView(made.pf.scene, made.carry.carried, made.policy, port=options.view_port))
+            after.append(view.after)
+            say(text=f"live page: {view.url}")
         log = stack.enter_context(open_log(options, NAME, kinds(width(made.policy)), RUNNER_PRIORITY, **digests(made)))
         logged = RunnerLog(log, clock)
         runner = RobotRunner(
@@ -55,6 +62,7 @@ def main(options: RunnerOptions) -> None:
             logged,
         )
         runner.warm()
+        after.append(logged.after)
         gc.collect()
         gc.freeze()
         say(warm=True)
@@ -62,7 +70,8 @@ def main(options: RunnerOptions) -> None:
 
         def tick() -> None:
             runner.tick()
-            logged.after(runner)
+            for see in after:
+                see(runner)
             if lateness.ticks % TOLD_TICKS == 0:
                 say(**report(lateness, log), **_known(runner))
 

@@ -49,6 +49,23 @@ def replay_log(folder: str | Path, say: Callable[[str], None] = lambda text: Non
         HoticeError: no such log, or its policy, scene or version is another one now
     """
     log = read_log(folder, NAME)
+    options, made = prepared_again(log, folder, say)
+    observations, actions = (log.entries[kind].records["values"] for kind in ("observation", "action"))
+    limit = PolicyTask.from_meta(made.policy.meta, made.policy.name).action_limit
+    equal = 0
+    for observation, action in zip(observations, actions, strict=False):
+        raw = made.policy.run(observation[None])[0].astype(float)
+        equal += next_action(raw, limit).tobytes() == action.tobytes()
+    ticks, same, when = (0, 0, None) if log.first_segment else _ticks(log, options, made)
+    return Replayed(actions=len(actions), actions_equal=equal, ticks=ticks, ticks_equal=same, first_difference_s=when)
+
+
+def prepared_again(log: Log, folder: str | Path, say: Callable[[str], None]) -> tuple[RunnerOptions, Prepared]:
+    """Options of a runner's log in a folder, and what was prepared for it; `say` is told what goes on.
+
+    Raises:
+        HoticeError: its policy, scene or version is another one now
+    """
     try:
         options = RunnerOptions.of(log.about["options"])
         then = {what: log.about[what] for what in ("policy", "scene")}
@@ -60,14 +77,7 @@ def replay_log(folder: str | Path, say: Callable[[str], None] = lambda text: Non
             raise InputError(f"{folder}: the {what} is another one than when the log was written")
     if dict(log.kinds) != kinds(width(made.policy)):
         raise InputError(f"{folder}: the log is of another version of hotice")
-    observations, actions = (log.entries[kind].records["values"] for kind in ("observation", "action"))
-    limit = PolicyTask.from_meta(made.policy.meta, made.policy.name).action_limit
-    equal = 0
-    for observation, action in zip(observations, actions, strict=False):
-        raw = made.policy.run(observation[None])[0].astype(float)
-        equal += next_action(raw, limit).tobytes() == action.tobytes()
-    ticks, same, when = (0, 0, None) if log.first_segment else _ticks(log, options, made)
-    return Replayed(actions=len(actions), actions_equal=equal, ticks=ticks, ticks_equal=same, first_difference_s=when)
+    return options, made
 
 
 def digests(made: Prepared) -> dict[str, str]:

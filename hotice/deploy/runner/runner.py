@@ -57,6 +57,10 @@ class RobotRunner:
         self._goal_W = np.array([*pf.scene.goal_W[:2], GOAL_HEIGHT_M])
         self.estimate: Estimate | None = None
         """The newest."""
+        self.status: np.ndarray | None = None
+        """The guard's, of the last tick."""
+        self.began_s = -np.inf
+        """When the last tick began [s]."""
         self.acted = False
         """Whether the policy made the targets of the last tick."""
 
@@ -93,7 +97,7 @@ class RobotRunner:
         """Reads the guard's status and writes targets; none where no state came, or where they would not be finite."""
         began_s = self._clock.now()
         self.acted, self.estimate = False, None
-        status = self._status()
+        self.began_s, self.status = began_s, (status := self._status())
         if status is None:
             return
         mode = Mode(int(status["mode"]))
