@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 
-PRIORITY, RUNNER_PRIORITY = 20, 10
-"""Of SCHED_FIFO, 1 to 99; above ordinary processes, below the kernel's own threads; the guard's before the runner's."""
+PRIORITY, RUNNER_PRIORITY, SIMULATED_PRIORITY = 20, 10, 5
+"""Of SCHED_FIFO, 1 to 99; above ordinary processes, below the kernel's own threads: guard, runner, simulated robot."""
 
 
 def take_precedence(priority: int = PRIORITY) -> bool:
