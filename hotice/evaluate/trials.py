@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hotice import checks
 from hotice.checks import shown
@@ -162,13 +162,26 @@ def read_trials(folder: Path) -> dict[str, Trials]:
     return found
 
 
-def block_sizes(settings: Any) -> dict[int, int] | None:
+class BlockSizes(NamedTuple):
+    """Blocks of a scene's trials: `rollouts` in all, `batch` in each block, fewer in the last."""
+
+    rollouts: int
+    batch: int
+
+    def __contains__(self, block: object) -> bool:
+        return isinstance(block, int) and 0 <= block * self.batch < self.rollouts
+
+    def size(self, block: int) -> int:
+        """Number of trials of a block."""
+        return min(self.batch, self.rollouts - block * self.batch)
+
+
+def block_sizes(settings: Any) -> BlockSizes | None:
     """Number of trials of each block of a scene by the settings of an evaluation; None where they do not say."""
     try:
-        rollouts, batch = (checks.whole(n, settings[n], checks.COUNT, InputError) for n in ("rollouts", "batch"))
+        return BlockSizes(*(checks.whole(n, settings[n], checks.COUNT, InputError) for n in BlockSizes._fields))
     except (InputError, KeyError, TypeError):
         return None
-    return {block: min(batch, rollouts - block * batch) for block in range(-(-rollouts // batch))}
 
 
 def _read_settings(folder: Path) -> Any:
@@ -179,7 +192,7 @@ def _read_settings(folder: Path) -> Any:
         return None
 
 
-def _read_blocks(file: Path, sizes: dict[int, int] | None) -> tuple[str, dict[int, Trials]]:
+def _read_blocks(file: Path, sizes: BlockSizes | None) -> tuple[str, dict[int, Trials]]:
     """Name of the scene and its trials by block. Raises `InputError`, also for values that no trial can have."""
     try:
         content = read_json(file, MAX_FILE_BYTES)
@@ -196,19 +209,19 @@ class InvalidTrials(HoticeError):
     """Values in a file of trials that no trial can have."""
 
 
-def _block(name: str, sizes: dict[int, int] | None) -> int:
+def _block(name: str, sizes: BlockSizes | None) -> int:
     if not name.isascii() or not name.isdecimal() or (sizes is not None and int(name) not in sizes):
         raise InvalidTrials(f"block {shown(name)} is not one of this evaluation")
     return int(name)
 
 
-def _trials(values: dict[str, Any], block: str, sizes: dict[int, int] | None) -> Trials:
+def _trials(values: dict[str, Any], block: str, sizes: BlockSizes | None) -> Trials:
     """Trials of a block. Raises `InvalidTrials`, or `ValueError` and `TypeError` for other names and lengths."""
     trials = Trials(**{name: tuple(column) for name, column in values.items()})
     for name, column in vars(trials).items():
         for i, value in enumerate(column):
             _check_value(f"block {block}: {name}[{i}]", name, value)
-    wanted = max(1, trials.rollouts) if sizes is None else sizes[int(block)]
+    wanted = max(1, trials.rollouts) if sizes is None else sizes.size(int(block))
     if trials.rollouts != wanted:
         raise InvalidTrials(f"block {block} holds {trials.rollouts} trials, {wanted} are needed")
     return trials

@@ -4,16 +4,22 @@ import hashlib
 import json
 import os
 import shutil
+import zlib
 
 import numpy as np
 import onnx
 import pytest
+import trimesh
 import yaml
 from onnx import TensorProto, helper
 
+from hotice.deploy.log.frames import MAGIC, LogHeader, frame
+from hotice.model.importers.formats.octomap import MIDDLE
 from hotice.model.shipped import SHIPPED
 from hotice.policy.policy_file import ACTION, KEY, OBSERVATION, content_hash
 from tests.attack.mutations import of_bytes, of_value
+from tests.model.importers.test_importers import pcd_bytes
+from tests.model.importers.test_octomap import octree_bytes
 
 SEED = int(os.environ.get("HOTICE_ATTACK_SEED", "0"))
 COUNT = int(os.environ.get("HOTICE_ATTACK_MUTATIONS", "15"))
@@ -97,6 +103,62 @@ def test_maps(attack, rng, files):
     paths = [files("map.obj", of_bytes(MESH, rng)) for _ in range(max(COUNT // 5, 1))]
     options = ("--start", "0", "0", "--goal", "2", "0", "--out", "o.json")
     attack([(str(p), ("scene", "import", p, *options), (0, 2)) for p in paths])
+
+
+def clouds(rng):
+    """Small files of each format of points and meshes, by ending."""
+    points = rng.normal(size=(50, 3))
+    cells = np.unique(MIDDLE + rng.integers(-3, 3, (30, 3)), axis=0)
+    cloud, box = trimesh.PointCloud(points), trimesh.creation.box((1, 2, 3))
+    yield "cloud.pcd", pcd_bytes(points, "ascii")
+    yield "cloud.pcd", pcd_bytes(points, "binary")
+    yield "cloud.pcd", pcd_bytes(points, "binary_compressed")
+    yield "cloud.ply", cloud.export(file_type="ply")
+    yield "cloud.bt", octree_bytes(cells[::2], 0.1, free=cells[1::2])
+    for ending in ("glb", "stl", "off", "ply"):
+        content = box.export(file_type=ending)
+        yield f"mesh.{ending}", content if isinstance(content, bytes) else content.encode()
+
+
+def test_clouds_and_meshes(attack, rng, files):
+    """Read only: what a scene is made of them is tried with few, above."""
+    lines = []
+    for name, content in clouds(rng):
+        kind, _, ending = name.partition(".")
+        for spoilt_content in (content, *(of_bytes(content, rng) for _ in range(COUNT))):
+            lines.append((name, (f"load:{kind}", files(f"x.{ending}", spoilt_content)), (0, 2)))
+    attack(lines)
+
+
+def test_trials(attack, rng, files):
+    """Trials that an evaluation kept, and the settings beside them, which may claim any number of blocks."""
+    settings = {"rollouts": 6, "batch": 3}
+    block = {"outcome": ["success", "fall", "timeout"], "distance_m": [0.1, 1.0, 0.5], "time_s": [3.0, 1.0, 5.0]}
+    scene = {"name": "gap", "blocks": {"0": block, "1": {**block, "standing": [True, False, False]}}}
+    lines = []
+    for number in range(4 * COUNT):
+        texts = [json.dumps(settings).encode(), json.dumps(scene).encode()]
+        texts[number % 4 > 0] = next(spoilt((settings, scene)[number % 4 > 0], rng, json.dumps, 1))
+        path = files("settings.json", texts[0])
+        path.with_name("scene-000.json").write_bytes(texts[1])
+        lines.append((str(path), ("load:trials", path), (0, 2)))
+    for huge in (10**9, 10**400):
+        path = files("settings.json", json.dumps({"rollouts": huge, "batch": 1}))
+        path.with_name("scene-000.json").write_text(json.dumps(scene))
+        lines.append(("huge", ("load:trials", path), (0, 2)))
+    attack(lines)
+
+
+def test_logs_of_robots(attack, rng, files):
+    dtype = np.dtype([("number", "<u8"), ("q", "<f8", (29,))])
+    header = LogHeader(writer="guard", segment=0, kinds={"target": dtype, "note": None}, about={"scene": "gap"})
+    content = header.to_bytes() + b"".join(frame(k % 2, 0.1 * k, bytes(240 if k % 2 == 0 else k)) for k in range(20))
+    beginnings = [of_bytes(content[:400], rng) + content[400:] for _ in range(COUNT)]
+    for text in (b"[" * 100_000, b'{"kinds": {"x": [["a", "|O"]]}}', b'{"kinds": {"x": [["a", "<f8", [1000000000]]]}}'):
+        size, check = (n.to_bytes(4, "little") for n in (len(text), zlib.crc32(text)))
+        beginnings.append(MAGIC + size + text + check)
+    contents = [content, *beginnings, *(of_bytes(content, rng) for _ in range(COUNT))]
+    attack([("log", ("load:log", files("guard-000000.log", each)), (0, 2)) for each in contents])
 
 
 @pytest.fixture(scope="session")

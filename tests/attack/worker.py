@@ -72,6 +72,24 @@ def load(kind: str, path: Path) -> None:
         from hotice.control.pick_plan import cache
 
         cache.load(path.parent, path.stem)
+    elif kind == "trials":
+        from hotice.evaluate import read_trials
+
+        read_trials(path.parent)
+    elif kind == "log":
+        from hotice.deploy.log.reader import read_log
+
+        read_log(path.parent, "guard")
+    elif kind == "cloud":
+        from hotice.model.importers.formats import octomap, pcd, ply
+
+        content = path.read_bytes()
+        readers = {".pcd": pcd.read_pcd, ".ply": ply.read_ply, ".bt": lambda data: octomap.read_octomap(data, 0.05)}
+        readers[path.suffix](content)
+    elif kind == "mesh":
+        from hotice.model.importers.meshes import read_triangles
+
+        read_triangles(path.read_bytes(), path.suffix)
     else:
         raise AssertionError(kind)
 

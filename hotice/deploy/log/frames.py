@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from hotice.documents import parse_json
 from hotice.errors import InputError
 
 MAGIC = b"HOTICE-LOG-1\n"
@@ -63,8 +64,8 @@ class LogHeader:
 
     @classmethod
     def _read(cls, text: bytes) -> LogHeader:
+        said = parse_json("the header of the log", text)
         try:
-            said = json.loads(text)
             kinds = {str(n): None if k is None else _dtype(k) for n, k in said["kinds"].items()}
             header = cls(writer=str(said["writer"]), segment=int(said["segment"]), kinds=kinds, about=said["about"])
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
