@@ -36,6 +36,8 @@ REPOSITORY = Path(__file__).parents[2]
 DOMAINS = itertools.count(21 + 8 * (os.getpid() % 25))
 PORTS = itertools.count(48_000 + 4 * (os.getpid() % 2000), 2)
 LONG_S = 120.0
+STATE_MS = 40.0
+"""A simulated robot that was later than this once may have had its guard brake."""
 
 
 @pytest.mark.parametrize(
@@ -261,6 +263,9 @@ def test_from_the_gantry_to_the_goal_over_loopback(programs, tmp_path):
     assert robot.end() == 0
     deploy.interrupt()
     assert deploy.end() == 0, deploy.text
+    if float(re.search(r"worst (\d+\.\d+) ms", robot.text)[1]) > STATE_MS:
+        assert "state is" in deploy.text
+        pytest.skip("this machine was too busy for 500 steps a second: the guard rightly braked, or might have")
     modes = [line.split(":")[0] for line in deploy.lines if re.search(r"(asked|stopped) by the operator|reached", line)]
     assert modes == ["damping", "posture", "ready", "carry", "hold", "lower", "damping"], deploy.text
     found = replay_log(tmp_path / "log")
