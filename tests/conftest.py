@@ -1,6 +1,7 @@
 """What tests of several folders share: a folder and threads of their own, objects in hands, a tiny trained run."""
 
 import dataclasses
+import signal
 import sys
 
 import numba
@@ -29,6 +30,13 @@ def one_thread():
     # Importing torch here would cost the tests of packages without it a second.
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def interruptible():
+    """A shell has what it starts in the background ignore Ctrl-C, and all that is started from there; tests send it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)
