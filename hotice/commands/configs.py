@@ -11,6 +11,7 @@ import tyro
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.commands.deploy.check_config import RobotCheckConfig
 from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.recipes import ReproduceConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
@@ -185,6 +186,7 @@ OPTIONS: Mapping[str, type] = {
     "play": PlayConfig,
     "benchmark": BenchmarkConfig,
     "robot-sim": RobotSimConfig,
+    "robot-check": RobotCheckConfig,
     "deploy": DeployConfig,
     "tags": TagsConfig,
     "tag-camera": TagCameraConfig,

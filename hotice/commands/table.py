@@ -18,6 +18,7 @@ from hotice.commands.configs import (
     ReproduceConfig,
     TrainConfig,
 )
+from hotice.commands.deploy.check_config import RobotCheckConfig
 from hotice.commands.deploy.config import DeployConfig
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.commands.tags_config import TagCameraConfig, TagsConfig
@@ -146,6 +147,14 @@ def tag_camera(config: Flat[TagCameraConfig]) -> int:
     return 0
 
 
+def robot_check(config: Flat[RobotCheckConfig]) -> int:
+    """Look at what a robot sends, before it moves: one table, pass or fail with the number."""
+    from hotice.commands.deploy.check import robot_check as run
+
+    run(config)
+    return 0
+
+
 def deploy(config: Flat[DeployConfig]) -> int:
     """Have a robot, simulated or real, carry its object to a scene's goal; `hotice deploy replay LOG`: do it again."""
     from hotice.commands.deploy.run import deploy as run
@@ -186,6 +195,7 @@ COMMANDS = {
     "robot-sim": robot_sim,
     "tags": tags,
     "tag-camera": tag_camera,
+    "robot-check": robot_check,
     "deploy": deploy,
     "scene": scene,
 }

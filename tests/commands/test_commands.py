@@ -27,6 +27,7 @@ COMMANDS = (
     "benchmark",
     "robot-sim",
     "deploy",
+    "robot-check",
     "tags",
     "tag-camera",
 )
