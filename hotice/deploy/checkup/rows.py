@@ -27,8 +27,8 @@ POSE_HZ, TAGS_HZ = 8.0, 20.0
 """Least poses of localization and pictures of the camera a second: 10 and 30 are trained and usual."""
 GRAVITY_MS2, GRAVITY_OFF_MS2, GRAVITY_OFF_RAD = 9.81, 0.5, math.radians(3.0)
 """An accelerometer at rest measures so much, upwards; deviations that are allowed (ours)."""
-STILL_RAD_S = 0.1
-"""Largest rate of a robot that is held still."""
+STILL_RAD_S, STATES_MEANT = 0.1, 50
+"""Largest rate of a robot that is held still, in the mean of so many states: a gyro is noisy."""
 UPRIGHT_RAD = math.radians(20.0)
 """Largest lean of one that hangs or stands."""
 BEYOND_RAD = 0.1
@@ -106,7 +106,9 @@ def _of_imu(observed: Observed) -> Iterator[Row]:
     imu = [each["imu_state"] for each in observed.states]
     up = up_of(observed)
     a = np.mean([each["accelerometer"] for each in imu], axis=0, dtype=float)
-    fastest = float(np.abs([each["gyroscope"] for each in imu]).max())
+    gyro = np.array([each["gyroscope"] for each in imu], dtype=float)
+    parts = np.array_split(gyro, max(1, round(len(gyro) / STATES_MEANT)))
+    fastest = float(np.abs([part.mean(axis=0) for part in parts]).max())
     strength = float(np.linalg.norm(a))
     apart = math.acos(float(np.clip(a @ up / max(strength, 1e-9), -1.0, 1.0)))
     lean = math.acos(float(np.clip(up[2], -1.0, 1.0)))
