@@ -81,7 +81,7 @@ class Guess:
 
     def crouch(self, grasp: Array) -> Array:
         """The body as at the grasp, the arms drawn back."""
-        ready = np.concatenate([grasp[7:19], ready_joints(self.task.grip.carry)[g1.UPPER]])
+        ready = np.concatenate([grasp[g1.JOINT_POS][g1.LOWER], ready_joints(self.task.grip.carry)[g1.UPPER]])
         return self._solve(grasp, ready, posture_weights(1.0), self._before(grasp))
 
     def held(self, start: Array, posture: Array, hands: Frames, at: ObjectPose, rpy: Array, *, arms: float) -> Array:

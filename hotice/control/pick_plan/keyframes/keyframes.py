@@ -155,7 +155,7 @@ class KeyframeSolver:
                 above, inf = [-np.inf, -np.inf, top], np.full(3, np.inf)
                 ik.within(link, self._demand.hand(i) + tip, above, inf, "hands above the support")
         if p_OH is None:
-            ready = np.concatenate([grasp[7:19], ready_joints(grip.carry)[g1.UPPER]])
+            ready = np.concatenate([grasp[g1.JOINT_POS][g1.LOWER], ready_joints(grip.carry)[g1.UPPER]])
             ik.posture(ready, posture_weights(1.0))
             return ik.solve(guess, "no way to crouch before the object")
         self._demand.palms(ik, grip.gaps_m(PREGRASP_GAP_M), PALM_GAPS_M[grip.carried.shape][-1], 50.0)

@@ -37,7 +37,7 @@ class StateWriter:
         self._record = LOW_STATE.zeros()
         self._record["mode_pr"], self._record["mode_machine"] = PITCH_ROLL, machine
         # the IMU counts its heading from where it was switched on
-        self._turn = quat_from_yaw(-yaw_from_quat(world.data.qpos[3:7]))
+        self._turn = quat_from_yaw(-yaw_from_quat(world.data.qpos[g1.ROOT_QUAT]))
         self._limit = torque_limits()
         self._winding, self._casing = np.full(29, AMBIENT_C), np.full(29, AMBIENT_C)
         self._speed_before = world.joint_vel.copy()
