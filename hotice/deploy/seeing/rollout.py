@@ -6,14 +6,12 @@ import numpy as np
 
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.modes import Mode
-from hotice.deploy.seeing.moments import arrows_of, is_ogf, percept_of, spoken, state_of
+from hotice.deploy.seeing.moments import CALM, arrows_of, is_ogf, percept_of, spoken, state_of
 from hotice.deploy.seeing.recorded import LoggedEvent, RecordedRun
 from hotice.policy.percept import PerceptModel
 from hotice.replay.events import MOST_TEXT, RolloutEvent
 from hotice.replay.rollout import RolloutRecord
 
-CALM = {spoken(cause.name) for cause in (Cause.NONE, Cause.OPERATOR, Cause.DONE)}
-"""Causes that are no faults."""
 ENDINGS = {
     (spoken(Mode.HOLD.name), spoken(Cause.DONE.name)): "success",
     **{(spoken(Mode.DAMPING.name), spoken(c.name)): "fall" for c in (Cause.LEAN, Cause.JOINT_SPEED, Cause.GYRO)},
@@ -48,22 +46,33 @@ def rollout_record(run: RecordedRun) -> RolloutRecord:
     )
 
 
+def kinds_of(events: list[tuple[float, LoggedEvent]]) -> list[str]:
+    """Kind of each: a change of mode is "mode", any other cause a "fault", the rest a "note".
+
+    No log begins with a change that a fault made, but a ring whose beginning is gone may with a fault that was told.
+    """
+    kinds, before = [], None
+    for _, event in events:
+        calm = event.cause in CALM
+        begins = event.mode != before and (calm or before is not None)
+        kinds.append("mode" if begins else "note" if calm else "fault")
+        before = event.mode
+    return kinds
+
+
 def outcome_of(events: list[tuple[float, LoggedEvent]]) -> str:
     """`success`, `fall` or `running`: nothing was decided; see `ENDINGS`."""
-    before = "off"
-    for _, event in events:
-        if event.mode != before and (event.mode, event.cause) in ENDINGS:
+    for (_, event), kind in zip(events, kinds_of(events), strict=True):
+        if kind == "mode" and (event.mode, event.cause) in ENDINGS:
             return ENDINGS[event.mode, event.cause]
-        before = event.mode
     return "running"
 
 
 def shown_events(events: list[tuple[float, LoggedEvent]]) -> tuple[RolloutEvent, ...]:
-    """Events for a time line: a change of mode is one, any other cause a fault, the rest notes."""
-    shown, before = [], "off"
-    for t, event in events:
-        kind = "mode" if event.mode != before else "note" if event.cause in CALM else "fault"
+    """Events for a time line; a change of mode that a fault made is shown as a fault."""
+    shown = []
+    for (t, event), kind in zip(events, kinds_of(events), strict=True):
         text = f"{event.mode}: {event.text}" if kind == "mode" else event.text
+        kind = kind if event.cause in CALM else "fault"
         shown.append(RolloutEvent(time_s=t, kind=kind, text=text[:MOST_TEXT]))
-        before = event.mode
     return tuple(shown)
