@@ -64,7 +64,7 @@ class MomentSender:
         return True
 
     def after(self, runner: RobotRunner) -> None:
-        """Shows what a runner's tick made, if it is time; call it after each. Shown is the latest tick since the last."""
+        """Shows what a runner's tick made, if it is time, and how late the worst tick since was; call it after each."""
         late_s, self._ticked_s = runner.began_s - self._ticked_s - runner.period_s, runner.began_s
         self._late_s = max(self._late_s, late_s if np.isfinite(late_s) else 0.0)
         if runner.status is None or not self.due(runner.began_s):

@@ -35,9 +35,9 @@ MOMENT = np.dtype(
         ("box_verdict", "S40"),
     ]
 )
-"""When the tick began, and how much later than a period after the one before [s]; mode and cause by number; age of
-the state [s], inf before the first; whether anything is believed yet; measured joints in the order of `g1.ALL_JOINTS` [rad]; what was
-believed, with its ages [s] and verdicts."""
+"""When the tick began, and how much later than a period after the one before [s] (live: the worst since the moment
+before); mode and cause by number; age of the state, inf before the first [s]; whether anything is believed yet;
+measured joints in the order of `g1.ALL_JOINTS` [rad]; what was believed, with its ages [s] and verdicts."""
 
 
 def moment(status: np.ndarray, estimate: Estimate | None, *, time_s: float, late_s: float = 0.0) -> np.ndarray:
