@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -122,6 +123,15 @@ def test_a_ring_may_begin_with_a_fault_that_was_told():
         ("fault", "damping: leans by 1.1 rad"),
         ("mode", "posture: posture"),
     ]
+
+
+def test_a_time_at_which_nothing_was_known_is_told(run):
+    """The page moves the robot evenly over it."""
+    known = [i for i in range(FRAMES) if not 30 <= i < 45]
+    events = rollout_record(replace(run, moments=run.moments[known], readings=[run.readings[i] for i in known])).events
+    (told,) = [event for event in events if "not known" in event.text]
+    assert (told.kind, told.text) == ("fault", "robot or box not known for 0.34 s")
+    assert told.time_s == time_of(SHOWN[29]) and list(events) == sorted(events, key=lambda event: event.time_s)
 
 
 def test_the_page_has_frames_and_events(record, tmp_path):

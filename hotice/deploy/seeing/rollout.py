@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from hotice.deploy.guard.faults import Cause
@@ -18,13 +20,16 @@ ENDINGS = {
 }
 """Outcome of a run by the first of these changes, of the mode that begins and why; without any it is "running". The
 posture is reached by the same cause as the goal, and a robot that brakes already may lean as it likes."""
+UNKNOWN_S = 0.2
+"""A longer time without a moment is told: a page moves the robot evenly over it, which nobody saw [s] (ours)."""
 
 
 def rollout_record(run: RecordedRun) -> RolloutRecord:
     """The robot with the joints that were measured, where the estimate had it, and the object where it was believed.
 
     A frame for each moment. A run in which the robot stood still because its goal was reached is a success, one in
-    which the guard braked because the robot fell, before that, is a fall. Changes of mode and faults are its events.
+    which the guard braked because the robot fell, before that, is a fall. Its events are changes of mode, faults,
+    and times at which nothing was known.
     """
     moments = run.moments
     points, forces = zip(
@@ -42,7 +47,7 @@ def rollout_record(run: RecordedRun) -> RolloutRecord:
         arrow_pos_W=points,
         arrow_force_W=forces,
         arrow_is_ogf=is_ogf(run.object_field),
-        events=shown_events(run.events),
+        events=sorted([*shown_events(run.events), *unknown(moments["time_s"])], key=lambda event: event.time_s),
     )
 
 
@@ -58,6 +63,15 @@ def kinds_of(events: list[tuple[float, LoggedEvent]]) -> list[str]:
         kinds.append("mode" if begins else "note" if calm else "fault")
         before = event.mode
     return kinds
+
+
+def unknown(time_s: np.ndarray) -> list[RolloutEvent]:
+    """A fault at each moment (T,) [s] after which robot or box were not known for a while."""
+    return [
+        RolloutEvent(time_s=float(a), kind="fault", text=f"robot or box not known for {b - a:.2f} s")
+        for a, b in pairwise(time_s)
+        if b - a > UNKNOWN_S
+    ]
 
 
 def outcome_of(events: list[tuple[float, LoggedEvent]]) -> str:
