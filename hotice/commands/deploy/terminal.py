@@ -1,4 +1,4 @@
-"""What is typed at `hotice deploy`, as it is typed."""
+"""What is typed at `hotice deploy` or `hotice robot-sim`, as it is typed."""
 
 from __future__ import annotations
 
