@@ -11,6 +11,7 @@ from dataclasses import fields, is_dataclass
 from typing import get_type_hints
 
 from hotice.commands.configs import OPTIONS
+from tests.attack.bad_files import LONG
 
 Line = tuple[str, tuple[str, ...], tuple[int, ...]]
 """Name, arguments, allowed exit statuses."""
@@ -106,9 +107,14 @@ WORDS: tuple[tuple[str, ...], ...] = (
     ("merge", "--parts", "--out", "m"),
     ("export", "--policy", "carry", "--out", "o.onnx"),
     ("play", "--out", "x.png"),
+    ("play", "--out", "."),
+    ("play", "--out", "/"),
     ("play", "--video", "x.gif"),
     ("play", "--video-of", "2"),
     ("play", "--controller", "[/bold]"),
+    ("deploy", "replay", LONG),
+    ("deploy", "replay", "a\0b"),
+    ("deploy", "replay", "nope", "--html", "."),
     ("reproduce", "table9"),
     ("reproduce", "table1", "--policies", "=x"),
     ("reproduce", "table1", "--policies", "[/bold]=x"),
