@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ MAX_DIGITS = 1000
 
 
 def parse_json(where: str, content: bytes | str, error: type[HoticeError] = InputError, *, finite: bool = False) -> Any:
-    """The value of a JSON text. `where` begins the message; `finite`: refuses NaN and infinities.
+    """The value of a JSON text. `where` begins the message; `finite`: refuses NaN, infinities and what is read as one.
 
     Raises `error` for anything else than JSON, for a key that occurs twice and for nesting deeper than `MAX_DEPTH`.
     """
@@ -28,6 +29,12 @@ def parse_json(where: str, content: bytes | str, error: type[HoticeError] = Inpu
             raise ValueError(f"holds {word}: numbers must be finite")
         return float(word)
 
+    def decimal(digits: str) -> float:
+        value = float(digits)
+        if finite and not math.isfinite(value):
+            raise ValueError(f"holds {shown(digits)}: numbers must be finite")
+        return value
+
     def integer(digits: str) -> int:
         if len(digits) > MAX_DIGITS:
             raise ValueError(f"holds a number of {len(digits)} digits: at most {MAX_DIGITS} are read")
@@ -35,7 +42,9 @@ def parse_json(where: str, content: bytes | str, error: type[HoticeError] = Inpu
 
     try:
         text = content.decode() if isinstance(content, bytes) else content
-        value = json.loads(text, parse_constant=constant, parse_int=integer, object_pairs_hook=_once)
+        value = json.loads(
+            text, parse_constant=constant, parse_float=decimal, parse_int=integer, object_pairs_hook=_once
+        )
     except json.JSONDecodeError as wrong:
         raise error(f"{where}: is not JSON: {wrong}") from None
     except UnicodeDecodeError as wrong:

@@ -32,7 +32,11 @@ def check_unowned(folder: Path) -> None:
     with _refusing(folder):
         if not path.is_file():
             return
-        with open(path, errors="replace") as file:
+        try:
+            file = open(path, errors="replace")  # noqa: SIM115 - closed below
+        except FileNotFoundError:  # its owner has ended meanwhile
+            return
+        with file:
             if not try_lock(file):
                 raise _owned(folder, file)
 

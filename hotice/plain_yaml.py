@@ -10,7 +10,9 @@ import yaml
 
 from hotice.checks import shown
 
-KINDS = ("null", "bool", "int", "float", "str", "seq", "map")
+WORDS = ("null", "bool", "int", "float")
+"""Kinds of scalars that are written in certain ways only."""
+KINDS = (*WORDS, "str", "seq", "map")
 
 
 class Plain(yaml.SafeLoader):
@@ -34,13 +36,15 @@ class Plain(yaml.SafeLoader):
 
     def construct_scalar(self, node: Any) -> Any:
         value = super().construct_scalar(node)
-        number = node.tag.endswith((":int", ":float"))
-        if number and (len(value) > self.max_digits or not self._is(node.tag, value)):
-            raise yaml.YAMLError(f"{shown(value)} is no number that can be read")
+        kind = node.tag.rpartition(":")[2]
+        if kind in WORDS and (len(value) > self.max_digits or not self._is(node.tag, value)):
+            raise yaml.YAMLError(f"{shown(value)} is no {kind} that can be read")
         return value
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        # a list or text can be tagged as a mapping: PyYAML's own answer to that comes below
+        pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+        keys = [self.construct_object(key, deep=True) for key, _ in pairs]
         if wrong := [key for key in keys if not isinstance(key, Hashable)]:
             raise yaml.YAMLError(f"key {shown(wrong[0])}: text or a number is needed")
         if repeated := [key for key, count in Counter(keys).items() if count > 1]:

@@ -36,6 +36,12 @@ def test_json_that_is_read(tmp_path):
         read_json(file, 20, InvalidConfig)
 
 
+def test_numbers_beyond_all_floats_are_not_finite_either():
+    assert parse_json("x", "[1e400, -1e400]") == [math.inf, -math.inf]
+    with pytest.raises(InputError, match="^x: holds '-1e400': numbers must be finite$"):
+        parse_json("x", "[1e300, -1e400]", finite=True)
+
+
 @pytest.fixture
 def yaml_of(tmp_path):
     def read(text):
@@ -57,9 +63,13 @@ def test_yaml_that_is_read(yaml_of):
         ("a: 1\na: 2\n", "key 'a' twice"),
         ("a: {1: x, 1: y}\n", "key 1 twice"),
         ("? [a]\n: 1\n", "text or a number is needed"),
-        ("seed: " + "9" * 5000, "is no number that can be read"),
-        ("seed: !!int x", "'x' is no number that can be read"),
-        ("seed: !!float x", "'x' is no number that can be read"),
+        ("seed: " + "9" * 5000, "is no int that can be read"),
+        ("seed: !!int x", "'x' is no int that can be read"),
+        ("seed: !!float x", "'x' is no float that can be read"),
+        ("seed: !!bool x", "'x' is no bool that can be read"),
+        ("seed: !!null x", "'x' is no null that can be read"),
+        ("seed: !!map x", "expected a mapping node, but found scalar in line 1"),
+        ("!!map [a, b]", "expected a mapping node, but found sequence in line 1"),
         ("a: !!timestamp x", "tag .*timestamp.* is not allowed"),
         ("a: !!binary x", "tag .*binary.* is not allowed"),
         ("!!python/object/apply:os.system ['true']", "tag .*os.system.* is not allowed"),

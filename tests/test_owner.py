@@ -84,6 +84,11 @@ def test_a_lock_that_is_removed_while_it_is_waited_for_is_taken_anew(tmp_path, m
             assert not real(file)
 
 
+def test_an_owner_that_ends_while_it_is_asked_for_owns_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(type(tmp_path), "is_file", lambda path: True)
+    check_unowned(tmp_path)
+
+
 def test_a_lock_that_is_a_pipe_is_refused(tmp_path):
     os.mkfifo(tmp_path / LOCK)
     check_unowned(tmp_path)

@@ -20,7 +20,9 @@ from hotice.sim.carry_bank import CarryBank
 
 def play(config: PlayConfig) -> list[RolloutRecord]:
     """Records rollouts, prints how they ended and writes what is asked for. Raises `HoticeError`."""
-    for path in filter(None, (config.out, config.out.with_suffix(".png"), config.video)):
+    # first of all: what is a folder has no ending to change
+    check_writable(config.out)
+    for path in filter(None, (config.out.with_suffix(".png"), config.video)):
         check_writable(path)
     scenes = resolve_scenes(config.scenes)
     if config.video is not None and config.video_of > len(scenes) * config.rollouts:

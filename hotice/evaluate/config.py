@@ -11,6 +11,7 @@ from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.referees import REFEREES, check_referees
+from hotice.model.object_range import ObjectRange
 
 CONTROLLERS = ("policy", "walk")
 LONGEST_S = 120.0
@@ -74,7 +75,8 @@ class EvaluateConfig:
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
         check_referees(self.referees)
-        _ = self.conditions
+        # read once for what they raise
+        _ = self.conditions, self.object_range
         if self.without and not self.perturbed:
             raise InvalidConfig(
                 f"without is {', '.join(self.without)}: nothing is left to switch off with --no-perturbed"
@@ -86,6 +88,11 @@ class EvaluateConfig:
         return Conditions(
             protocol=self.protocol, perturbed=self.perturbed, without=self.without, horizon_s=self.horizon_s
         )
+
+    @property
+    def object_range(self) -> ObjectRange:
+        """Objects that are drawn. Raises `InvalidObject`."""
+        return ObjectRange(shapes=self.shapes, size_m=self.size_m, mass_kg=self.mass_kg)
 
     @property
     def judges(self) -> tuple[str, ...]:

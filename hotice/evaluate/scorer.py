@@ -25,7 +25,6 @@ from hotice.evaluate.trial_log import TrialLog
 from hotice.evaluate.trials import Trials
 from hotice.learn.policy import Policy, check_layout
 from hotice.model.carry import CarryState
-from hotice.model.object_range import ObjectRange
 from hotice.model.scene import Scene
 from hotice.model.scene_digest import scene_digest
 from hotice.model.shipped import resolve_scenes
@@ -88,9 +87,10 @@ class Scorer:
         """Resolves the scenes and draws the objects. Raises `HoticeError`."""
         scenes = resolve_scenes(config.scenes)
         check_memory(min(config.batch, config.rollouts), config.rollouts * len(scenes))
-        ranges = ObjectRange(shapes=config.shapes, size_m=config.size_m, mass_kg=config.mass_kg)
         count = min(config.objects, config.rollouts)
-        states = CarryBank.sample(ranges, count, object_seed(config.seed), 0.005, torch.device("cpu")).states
+        states = CarryBank.sample(
+            config.object_range, count, object_seed(config.seed), 0.005, torch.device("cpu")
+        ).states
         return cls(config=config, scenes=tuple(scenes), states=states)
 
     def blocks(self) -> list[tuple[int, int]]:

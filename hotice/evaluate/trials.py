@@ -232,7 +232,8 @@ def _check_value(where: str, name: str, value: object) -> None:
         checks.one_of(where, value, ("success", *CAUSES), InvalidTrials)
     elif name in ("standing", "stayed"):
         checks.flag(where, value, InvalidTrials)
-    else:
+    # what was measured may be as small as floats are
+    elif not (isinstance(value, float) and 0.0 <= value < 1.0):
         checks.number(where, value, checks.NOT_NEGATIVE, InvalidTrials)
 
 

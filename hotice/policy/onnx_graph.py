@@ -17,7 +17,9 @@ OPERATIONS = (
 MOST_NODES = 200
 MOST_WIDTH = 65_536
 """Numbers in a row."""
-FLOAT, TENSOR, ALONG_ROW = 1, 4, (1, -1)
+FLOAT, FLOAT_BYTES = 1, 4
+"""Number of single precision among ONNX's types, and its size."""
+ALONG_ROW = (1, -1)
 
 
 def graph_fault(model: Any, inputs: tuple[str, int], outputs: tuple[str, int]) -> str:
@@ -64,7 +66,7 @@ def _tensors(graph: Any) -> Iterator[str]:
             yield f"tensor {tensor.name[:60]!r} lies in another file"
         elif len(sizes) > 2 or not all(0 < n <= MOST_WIDTH for n in sizes):
             yield f"tensor {tensor.name[:60]!r} is of an impossible size"
-        elif tensor.data_type != FLOAT or len(tensor.raw_data) not in (0, TENSOR * math.prod(sizes)):
+        elif tensor.data_type != FLOAT or len(tensor.raw_data) not in (0, FLOAT_BYTES * math.prod(sizes)):
             yield f"tensor {tensor.name[:60]!r} is not of single precision, or not whole"
         elif not tensor.raw_data and len(tensor.float_data) != math.prod(sizes):
             yield f"tensor {tensor.name[:60]!r} is not whole"

@@ -49,6 +49,8 @@ def contents(ending: str) -> dict[str, bytes]:
             "date": b"seed: 2001-99-99",
             "binary_tag": b"seed: !!binary x",
             "int_tag": b"seed: !!int x",
+            "bool_tag": b"seed: !!bool x",
+            "map_tag": b"seed: !!map [x]",
             "list": b"[]",
             "null": b"",
             "number": b"1",

@@ -35,15 +35,19 @@ def bad(tmp_path_factory):
 
 @pytest.fixture
 def attack(shell, tmp_path):
-    """Function: runs command lines (id, argv, allowed), each in an empty folder; fails with all that is wrong."""
+    """Function: runs command lines (id, argv, allowed), each in an empty folder; fails with all that is wrong.
 
-    def run(lines):
+    `unsaid`: word of a message that a line reaches only when it has accepted what is bad in it.
+    """
+
+    def run(lines, unsaid=None):
         wrong = []
         for number, (name, argv, allowed) in enumerate(lines):
             cwd = tmp_path / f"line{number}"
             cwd.mkdir()
             outcome = shell([str(word) for word in argv], cwd)
-            wrong += [f"{name}: {fault}: {outcome.err.strip()[-300:]}" for fault in outcome.faults(allowed)]
+            faults = [*outcome.faults(allowed), *(["was accepted"] if unsaid and unsaid in outcome.err else [])]
+            wrong += [f"{name}: {fault}: {outcome.err.strip()[-300:]}" for fault in faults]
             shutil.rmtree(cwd)
         if wrong:
             pytest.fail("\n".join(wrong), pytrace=False)

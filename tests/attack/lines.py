@@ -6,11 +6,12 @@ accepted ends as well, in another message.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import get_type_hints
 
 from hotice.commands.configs import OPTIONS
+from tests.attack.bad_files import LONG
 
 Line = tuple[str, tuple[str, ...], tuple[int, ...]]
 """Name, arguments, allowed exit statuses."""
@@ -43,16 +44,24 @@ FILE_LINES: Mapping[str, tuple[tuple[str, ...], ...]] = {
 }
 """By the ending of the file that stands for FILE."""
 
+MISSING = "nope"
+"""What `NUMBER_LINES` name and is not there: a line that says it has accepted its number."""
 NUMBER_LINES: Mapping[str, tuple[str, ...]] = {
     "train": ("--scenes", "nope", "--out", "r"),
+    "distill": ("--scenes", "gap", "--generalist", "nope/x", "--out", "r"),
     "evaluate": ("--policy", "carry", "--scenes", "nope"),
     "play": ("--scenes", "nope"),
     "benchmark": ("--scenes", "nope"),
     "pipeline": ("nope.yaml",),
     "reproduce": ("table1", "--policies", "dual_hodpf=nope/x", "--bench", "nope", "--out", "r"),
+    "robot-check": ("--scene", "nope"),
+    "deploy": ("--scene", "nope"),
+    "tag-camera": ("--camera", "nope"),
 }
-"""What stands before the option with a bad number; `distill` and `finetune` have the options of `train`."""
-BAD_NUMBERS = ("nan", "inf", "-inf", "-1", "1e308", "1e-308", "9" * 30, "9" * 5000, "", "x", "0x10", "1_0", "٣")
+"""What stands before the option with a bad number; `finetune` has the options of `train`."""
+BAD_NUMBERS = ("nan", "inf", "-inf", "-1", "1e308", "1e-308", "9" * 30, "9" * 5000, "", "x", "0x10")
+ODD_NUMBERS = ("1_0", "٣")
+"""Numbers to Python, which may be accepted."""
 
 WORDS: tuple[tuple[str, ...], ...] = (
     ("",),
@@ -98,9 +107,14 @@ WORDS: tuple[tuple[str, ...], ...] = (
     ("merge", "--parts", "--out", "m"),
     ("export", "--policy", "carry", "--out", "o.onnx"),
     ("play", "--out", "x.png"),
+    ("play", "--out", "."),
+    ("play", "--out", "/"),
     ("play", "--video", "x.gif"),
     ("play", "--video-of", "2"),
     ("play", "--controller", "[/bold]"),
+    ("deploy", "replay", LONG),
+    ("deploy", "replay", "a\0b"),
+    ("deploy", "replay", "nope", "--html", "."),
     ("reproduce", "table9"),
     ("reproduce", "table1", "--policies", "=x"),
     ("reproduce", "table1", "--policies", "[/bold]=x"),
@@ -118,11 +132,11 @@ def file_lines(bad: Mapping[str, Mapping[str, str]]) -> Iterator[Line]:
                 yield f"{' '.join(line[:2])} {ending} {name}", argv, _allowed(argv)
 
 
-def number_lines() -> Iterator[Line]:
-    """All `NUMBER_LINES` with all bad numbers in all options that take a number."""
+def number_lines(numbers: Sequence[str]) -> Iterator[Line]:
+    """All `NUMBER_LINES` with all of these numbers in all options that take a number."""
     for command, start in NUMBER_LINES.items():
         for option, count in _numeric(OPTIONS[command]):
-            for number in BAD_NUMBERS:
+            for number in numbers:
                 argv = (command, *start, f"--{option}", *[number] * count)
                 yield f"{command} --{option} {number[:20]}", argv, (2,)
 

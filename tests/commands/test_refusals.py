@@ -195,6 +195,14 @@ def test_trials_that_cannot_be_are_not_believed(two_blocks, block, name, value, 
             read()
 
 
+def test_a_depth_as_small_as_floats_are_is_one(two_blocks):
+    settings, file = two_blocks
+    content = json.loads(file.read_text())
+    content["blocks"]["1"]["self_depth_m"] = [3e-17, 0.0]
+    file.write_text(json.dumps(content))
+    assert TrialStore(file.parent, settings, ["gap"]).blocks[0, 1].self_depth_m == (3e-17, 0.0)
+
+
 @pytest.mark.parametrize("block, count", [("0", 500), ("1", 3), ("2", 3), ("-1", 3), ("٠", 3), ("a", 3)])
 def test_blocks_have_the_trials_that_were_asked_for(two_blocks, block, count):
     settings, file = two_blocks

@@ -202,7 +202,7 @@ def test_ply_files():
         (json.dumps(GOOD | {"name": "x" * 10**6}).encode(), "1 to 200 printable"),
         (json.dumps(GOOD | {"name": "\ud800"}).encode(), "1 to 200 printable"),
         (json.dumps(GOOD | {"bounds_m": [[0] * 10**5] * 2}).encode(), "list of 3 numbers"),
-        (json.dumps(GOOD).replace("2.5", "1e400").encode(), "finite number"),
+        (json.dumps(GOOD).replace("2.5", "1e400").encode(), "holds '1e400': numbers must be finite"),
         (json.dumps(GOOD).replace("2.5", "9" * 5000).encode(), "5000 digits"),
         (json.dumps(GOOD).replace("2.5", "9" * 400).encode(), "an integer"),
         (json.dumps(GOOD).replace("0.1}", "1e-300}").encode(), "a finite number from 1e-06 to 10000 is needed"),

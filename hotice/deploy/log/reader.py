@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hotice.deploy.log.frames import FRAME, LogHeader, frames
 from hotice.errors import InputError
-from hotice.files import read_bytes
+from hotice.files import is_folder, read_bytes
 
 MOST_SEGMENT_BYTES = 2**30
 
@@ -49,7 +49,7 @@ def read_log(folder: str | Path, name: str) -> Log:
         InputError: there is none, or a segment is not one, or of another run.
     """
     folder = Path(folder)
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise InputError(f"{folder}: no such folder")
     paths = sorted(folder.glob(f"{name}-*.log"))
     if not paths:
