@@ -284,7 +284,7 @@ class SafetyMonitor(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(control_dt_s, 0.0, self._check)
 
     def _check(self, context: Context, state: State) -> None:
-        before = int(context.get_discrete_state(DECISION).value()[0])
+        before, last_fault = context.get_discrete_state(DECISION).value().tolist()
         now = context.get_time()
         memory = state.get_mutable_discrete_state(MEMORY).get_mutable_value()
         counts = state.get_mutable_discrete_state(COUNTS).get_mutable_value()
@@ -307,7 +307,7 @@ class SafetyMonitor(LeafSystem):
         counts[_ANY] += fault > 0
         if before == Answer.DAMP:
             self._spare(now, memory, state)
-        elif fault or before or context.get_discrete_state(DECISION).value()[1]:
+        elif fault or before or last_fault:
             state.get_mutable_discrete_state(DECISION).SetFromVector([float(answer), float(fault)])
             if answer == Answer.DAMP:
                 memory[_DAMPED_S] = now
@@ -319,7 +319,7 @@ class SafetyMonitor(LeafSystem):
 
     def _output_command(self, context: Context, output: BasicVector) -> None:
         command = self._command.Eval(context)
-        answer = context.get_discrete_state(DECISION).value()[0]
+        answer = int(context.get_discrete_state(DECISION).value()[0])
         if answer < Answer.REPEAT and _passes(command, self._lower, self._upper):
             output.SetFromVector(command)
             return
