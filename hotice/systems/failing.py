@@ -11,5 +11,6 @@ AttributeError, are defects of a program: they end the simulation with their tra
 
 
 def message_of(error: Exception) -> str:
-    """An exception on one line, with its kind."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+    """An exception on one line, with its kind; letters that no text file holds, as of odd file names, are escaped."""
+    line = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return line.encode(errors="backslashreplace").decode()
