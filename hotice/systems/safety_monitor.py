@@ -158,8 +158,13 @@ def _passes(command, lower, upper):
 
 
 @compiled
-def _check(now, state, percept, guidance, sources, command, tick, status, memory, counts, table, still_holds, limits):
-    """Answer and fault of one check, after the checks before, which `memory` and `counts` hold."""
+def _check(
+    now, state, percept, guidance, sources, command, tick, status, memory, counts, table, still_holds, limits, final
+):
+    """Answer and fault of one check, after the checks before, which `memory` and `counts` hold.
+
+    `final`: the robot is damped, and what its arms hold stays what it was.
+    """
     lower, upper, c_lower, c_upper, measurement, command_limits, ages, targets = limits
     begun = np.full(FAULTS, np.inf)
     q, qd, gyro = state[JOINT_POS], state[JOINT_VEL], state[_GYRO : _GYRO + 3]
@@ -201,7 +206,7 @@ def _check(now, state, percept, guidance, sources, command, tick, status, memory
     since = memory[_SINCE : _SINCE + FAULTS]
     _remember(begun, now, since, counts)
     answer, fault = _decide(now, since, _stands_still(quat, gyro, qd), table, still_holds)
-    if answer < _REPEAT:
+    if answer < _REPEAT and not final:
         last[:], memory[_HELD_Q : _HELD_Q + 20] = command, q
     return answer, fault
 
@@ -303,6 +308,7 @@ class SafetyMonitor(LeafSystem):
             self._table,
             self._still_holds,
             self._limits,
+            before == Answer.DAMP,
         )
         counts[_ANY] += fault > 0
         if before == Answer.DAMP:
