@@ -33,7 +33,7 @@ class MujocoPlant(LeafSystem):
     or, with `servo`, of `pd_torque`, which then commands the motors anew at every time step of the model.
     `push` (3,), with `pushed`: see `hotice.systems.pushes`; felt by the step that begins at its time.
     `damped` (nu,), optional: actuators where it is above 0 only damp their joints, implicitly, whatever they are told.
-    Outputs `state` (nq + nv,): qpos and qvel; `contact_force` (12,): see `signals`, under the last controls and `damped`;
+    Outputs `state` (nq + nv,): qpos and qvel; `contact_force` (12,): see `signals`, under the last controls, `damped`;
     `full_state` (n,): the flat vector itself.
 
     Args:
@@ -133,7 +133,7 @@ class MujocoPlant(LeafSystem):
         return self.model.actuator_gainprm, self.model.actuator_biastype, self.model.actuator_biasprm
 
     def _set_motors(self, context: Context) -> None:
-        """Makes actuators what they are in this Context: the model, which all Contexts share, may be as in another."""
+        """Makes actuators what they are in this Context; the model, which all share, may be as in another."""
         damped = self._damped.Eval(context) if self._damped.HasValue(context) else self._undamped
         if damped.tobytes() != self._damps:
             self._damp(damped)
