@@ -24,7 +24,6 @@ from hotice.model.joint_limits import position_limits, torque_limits
 from hotice.policy.percept import Percept
 from hotice.safety import AgeLimits, Answer, CommandLimits, Fault, MeasurementLimits, judge
 from hotice.safety.responses import response_table, still_table
-from hotice.safety.watch import MOVING_RAD_S
 from hotice.systems.signals import (
     GUIDANCE,
     JOINT_POS,
@@ -43,7 +42,7 @@ FAULTS = len(Fault)
 LEGS_AND_WAIST = np.array([not any(arm in joint for arm in ("shoulder", "elbow")) for joint in g1.ACTION_JOINTS])
 _GYRO = ROOT_RATE.start
 _OBSERVATION_INVALID, _GUIDANCE_INVALID = int(Fault.OBSERVATION_INVALID), int(Fault.GUIDANCE_INVALID)
-_REPEAT = int(Answer.REPEAT)
+_REPEAT, _MOVING_RAD_S = int(Answer.REPEAT), judge.MOVING_RAD_S
 _P_WP, _P_WO, _R_WO = (Percept.PARTS[name].start for name in ("p_WP", "p_WO", "R_WO"))
 COUNTS, DECISION, SPARED, MEMORY = range(4)
 """Groups of the state: how often each fault was there at a check, (faults,), the first number for any; answer and
@@ -185,7 +184,7 @@ def _check(
         fastest = max(fastest, abs(qd[i]))
         same = same and memory[_NUMBERS + i] == q[i] and memory[_NUMBERS + 20 + i] == qd[i]
         memory[_NUMBERS + i], memory[_NUMBERS + 20 + i] = q[i], qd[i]
-    if not same or fastest < MOVING_RAD_S:
+    if not same or fastest < _MOVING_RAD_S:
         memory[_SAME] = np.inf
     elif not math.isfinite(memory[_SAME]):
         memory[_SAME] = memory[_TAKEN]
