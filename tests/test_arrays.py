@@ -23,3 +23,15 @@ def test_length_and_clip_are_the_same_for_both(limits):
     np.testing.assert_allclose(length(v), np.linalg.norm(v, axis=-1), rtol=1e-15)
     np.testing.assert_array_equal(clip(v, *limits), clip(torch.from_numpy(v), *limits))
     assert clip(np.float64(9.0), *limits) == min(9.0, limits[1] if len(limits) > 1 else 9.0)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_one_number_and_one_vector_are_bit_for_bit_what_many_are(kind):
+    rng = np.random.default_rng(1)
+    for x in (*rng.normal(size=50).astype(kind), kind("nan"), kind("inf"), kind("-inf")):
+        for limits in ((-0.2,), (None, 0.3), (-0.2, 0.3), (0.1, -0.1)):
+            got, among_many = clip(x, *limits), clip(np.array([x]), *limits)[0]
+            assert type(got) is kind and got.tobytes() == among_many.tobytes(), (x, limits)
+    for size in (2, 3, 20):
+        v = rng.normal(size=(50, size)).astype(kind)
+        assert np.array([length(row) for row in v]).tobytes() == length(v).tobytes()

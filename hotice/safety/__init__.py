@@ -1,7 +1,7 @@
 """What judges whether a robot may go on: named faults, limits, ages, jumps, and the answer to each fault.
 
-NumPy only: stations in Drake and a robot's guard ask the same functions. The modules `judge` and `jumps` hold plain
-loops over numbers, which stations compile.
+NumPy only. A station's safety monitor asks all of it, and compiles the loops of `judge`; a robot's guard shares limits
+and jumps, and has a table of its own (`hotice.deploy.guard.faults`): what it measures, and whom it tells, is more.
 """
 
 from typing import TYPE_CHECKING
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
         JumpLimits,
         MeasurementLimits,
     )
-    from hotice.safety.responses import RESPONSES, answer_to
-    from hotice.safety.watch import Decision, Watch
+    from hotice.safety.responses import RESPONSES
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
@@ -29,13 +28,10 @@ __all__ = [
     "Answer",
     "CommandLimits",
     "DAMPING_KD",
-    "Decision",
     "Fault",
     "JumpLimits",
     "LARGEST_SPEED",
     "MeasurementLimits",
     "PoseGate",
     "RESPONSES",
-    "Watch",
-    "answer_to",
 ]

@@ -1,4 +1,4 @@
-"""Judgements as plain loops over numbers: a robot's guard runs them as they are, a station compiles them.
+"""Judgements as plain loops over numbers, which a station compiles.
 
 (Compiled by `hotice.compiled`.) Each `find_…` writes into `begun` (faults,) when the cause of a fault that is there now
 began [s]; `begun` holds inf where there is none. Limits come as the arrays of `measurement_array`, …
@@ -27,6 +27,8 @@ _GYRO, _PELVIS_LOW, _TILT = int(Fault.GYRO), int(Fault.PELVIS_LOW), int(Fault.TI
 _HOLD, _DAMP = int(Answer.HOLD), int(Answer.DAMP)
 STILL_GYRO_RAD_S, STILL_JOINT_RAD_S, STILL_UP = 0.3, 0.5, 0.95
 """A robot that stands still: largest rates of pelvis and joints, least cosine of its lean (18 degrees; ours)."""
+MOVING_RAD_S = 0.01
+"""From this joint speed on a robot's numbers cannot stay the same."""
 _SOON = 1e-9
 """Times closer than this are equal [s]."""
 

@@ -77,7 +77,9 @@ class AgeLimits:
     """Ages from which something is late; `hotice.safety.RESPONSES` says what follows."""
 
     state_s: float = 0.02
+    """States come at 500 Hz (ours)."""
     command_s: float = 0.04
+    """Commands come at 50 Hz (ours)."""
     pose_s: float = 0.3
     """Poses of the pelvis come at 10 Hz and are tracked in between."""
     box_s: float = 0.1
@@ -92,7 +94,9 @@ class JumpLimits:
     """When a pose is refused for being too far from the known one, and when it is believed all the same."""
 
     distance_m: float
+    """From the known pose, at most."""
     angle_rad: float
+    """Turned against the known pose, at most."""
     agreeing: int = 5
     """So many refused poses in a row, each near the one before, are the truth."""
 

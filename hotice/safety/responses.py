@@ -1,4 +1,4 @@
-"""The answer to each fault, by how long it has lasted: a table, and the functions that read it."""
+"""The answer to each fault, by how long it has lasted."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ RESPONSES: Mapping[Fault, tuple[tuple[float, Answer], ...]] = MappingProxyType(
     }
 )
 """Answers and the times since the cause [s] from which each holds. Where a cause has an age (late, frozen), the time is
-that age. A robot that stands still is not damped because its controller fails: see `answer_to`; one that walks is,
+that age. A robot that stands still is not damped because its controller fails: see `STILL_HOLDS`; one that walks is,
 since in a stiff posture its joints leap and it topples like a board (docs/station.md)."""
 STILL_HOLDS = frozenset(fault for fault, response in RESPONSES.items() if response is _CONTROLLER)
 """Faults under which a robot that stands still goes on holding its posture instead of damping."""
@@ -63,16 +63,3 @@ def response_table() -> np.ndarray:
 def still_table() -> np.ndarray:
     """(faults,) bool: whether each is in `STILL_HOLDS`."""
     return np.array([fault in STILL_HOLDS for fault in Fault])
-
-
-def answer_to(fault: Fault, lasted_s: float, still: bool = False) -> Answer:
-    """The answer to a fault that has lasted so long.
-
-    `still`: the robot stands still. Where only the controller fails it then holds its posture, which is a balance,
-    instead of sinking.
-    """
-    answer = PASS
-    for from_s, later in RESPONSES.get(fault, ()):
-        if lasted_s >= from_s - 1e-9:
-            answer = later
-    return HOLD if still and answer is DAMP and fault in STILL_HOLDS else answer

@@ -159,9 +159,9 @@ class TransportEnv:
         )
         self.action_scale = torch.tensor(cfg.action_scale, dtype=torch.float32, device=self.device)
         self.unstable = 0
-        """Episodes that ended so; among them:"""
+        """Episodes that ended as `unstable`; `state` keeps the number."""
         self.invalid_actions = 0
-        """Episodes that ended since this environment was made because an action was not finite."""
+        """Those of them that ended since this environment was made because an action was not finite."""
         self.restarts = True
         """Whether what has ended is started anew; evaluation starts nothing anew: a trial's draws then depend on no
         other."""

@@ -19,7 +19,7 @@ from hotice.errors import InvalidStation
 from hotice.model import g1
 from hotice.model.frames import rotation_z
 from hotice.safety import Fault
-from hotice.systems.failing import CONTROLLER_ERRORS, Message, message_of
+from hotice.systems.failing import CONTROLLER_ERRORS, message_of
 from hotice.systems.signals import (
     CONTACT_FORCE,
     JOINT_POS,
@@ -118,7 +118,7 @@ class ControllerSystem(LeafSystem):
         rest = (np.asarray(torque, float), [UNKNOWN_PHASE], np.zeros(1), [np.nan, 0.0])
         groups = [self.DeclareDiscreteState(value) for value in rest]
         self.DeclareAbstractState(AbstractValue.Make(_Held(None)))
-        self.DeclareAbstractState(AbstractValue.Make(Message()))
+        self.DeclareAbstractState(AbstractValue.Make(""))
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         self._force = self.DeclareVectorInputPort("contact_force", CONTACT_FORCE)
         self._active = self.DeclareVectorInputPort("active", 1)
@@ -132,7 +132,7 @@ class ControllerSystem(LeafSystem):
 
     def message(self, context: Context) -> str:
         """What this system's own Context says of the last fault; empty before the first."""
-        return context.get_abstract_state(1).get_value().text
+        return context.get_abstract_state(1).get_value()
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
@@ -148,13 +148,13 @@ class ControllerSystem(LeafSystem):
             command: Command
             command, memory = self.controller.step(memory, measurement)
         except CONTROLLER_ERRORS as error:
-            state.get_mutable_abstract_state(1).set_value(Message(message_of(error)))
+            state.get_mutable_abstract_state(1).set_value(message_of(error))
             status.SetFromVector([context.get_time(), float(Fault.CONTROLLER_ERROR)])
             return
         gave_up = command.faults > context.get_discrete_state(FAULTS).value()[0]
         if gave_up:
             text = f"{command.faults} steps were answered with a fallback"
-            state.get_mutable_abstract_state(1).set_value(Message(text))
+            state.get_mutable_abstract_state(1).set_value(text)
         status.SetFromVector([context.get_time(), float(Fault.CONTROLLER_ERROR if gave_up else 0)])
         phase = self.phases.index(command.phase) if command.phase in self.phases else UNKNOWN_PHASE
         state.get_mutable_abstract_state(0).set_value(_Held(memory))

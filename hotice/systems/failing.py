@@ -1,4 +1,4 @@
-"""Exceptions of controllers that become faults, and where their messages are kept."""
+"""Exceptions of controllers that become faults, and their messages."""
 
 from __future__ import annotations
 
@@ -11,17 +11,6 @@ AttributeError, are defects of a program: they end the simulation with their tra
 
 
 def message_of(error: Exception) -> str:
-    """An exception on one line, with its kind."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
-
-
-class Message:
-    """Text in a Context's abstract state; copies of a Context share it, since none changes it."""
-
-    __slots__ = ("text",)
-
-    def __init__(self, text: str = "") -> None:
-        self.text = text
-
-    def __deepcopy__(self, _: object) -> Message:
-        return self
+    """An exception on one line, with its kind; letters that no text file holds, as of odd file names, are escaped."""
+    line = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return line.encode(errors="backslashreplace").decode()

@@ -33,7 +33,7 @@ class MujocoPlant(LeafSystem):
     or, with `servo`, of `pd_torque`, which then commands the motors anew at every time step of the model.
     `push` (3,), with `pushed`: see `hotice.systems.pushes`; felt by the step that begins at its time.
     `damped` (nu,), optional: actuators where it is above 0 only damp their joints, implicitly, whatever they are told.
-    Outputs `state` (nq + nv,): qpos and qvel; `contact_force` (12,): see `signals`, under the last controls;
+    Outputs `state` (nq + nv,): qpos and qvel; `contact_force` (12,): see `signals`, under the last controls, `damped`;
     `full_state` (n,): the flat vector itself.
 
     Args:
@@ -68,9 +68,11 @@ class MujocoPlant(LeafSystem):
         self._push = self.DeclareVectorInputPort("push", PUSH) if pushed else None
         self._damped = self.DeclareVectorInputPort("damped", self.nu)
         self._trained = [part.copy() for part in self._motors()]
-        self._damps = np.zeros(self.nu).tobytes()
+        self._undamped = np.zeros(self.nu)
+        self._damps = self._undamped.tobytes()
         self.DeclareVectorOutputPort("state", self.nq + self.nv, self._output_state, only_state)
-        self.DeclareVectorOutputPort("contact_force", CONTACT_FORCE, self._output_contact_force, only_state)
+        reads = only_state | {self._damped.ticket()}
+        self.DeclareVectorOutputPort("contact_force", CONTACT_FORCE, self._output_contact_force, reads)
         self.DeclareStateOutputPort("full_state", index)
         self._steps = 1 if period_s is None else round(period_s / model.opt.timestep)
         if self._steps < 1:
@@ -111,8 +113,7 @@ class MujocoPlant(LeafSystem):
         state = context.get_discrete_state_vector().value()
         if state.tobytes() != self._holds:  # another Context than the last step's, or one that was set
             mujoco.mj_setState(model, data, state, STATE)
-        if self._damped.HasValue(context) and (damped := self._damped.Eval(context)).tobytes() != self._damps:
-            self._damp(damped)
+        self._set_motors(context)
         if self._push is not None:
             push = self._push.Eval(context)  # change of the velocity, and when
             if abs(context.get_time() - push[-1]) < NOW_S:
@@ -130,6 +131,12 @@ class MujocoPlant(LeafSystem):
 
     def _motors(self) -> tuple[Array, Array, Array]:
         return self.model.actuator_gainprm, self.model.actuator_biastype, self.model.actuator_biasprm
+
+    def _set_motors(self, context: Context) -> None:
+        """Makes actuators what they are in this Context; the model, which all share, may be as in another."""
+        damped = self._damped.Eval(context) if self._damped.HasValue(context) else self._undamped
+        if damped.tobytes() != self._damps:
+            self._damp(damped)
 
     def _damp(self, damped: Array) -> None:
         """Makes actuators dampers where `damped` (nu,) says so, and the others what they were."""
@@ -166,5 +173,6 @@ class MujocoPlant(LeafSystem):
         output.SetFromVector(force.ravel())
 
     def _forward(self, context: Context) -> None:
+        self._set_motors(context)
         mujoco.mj_setState(self.model, self._scratch, context.get_discrete_state_vector().value(), STATE)
         mujoco.mj_forward(self.model, self._scratch)

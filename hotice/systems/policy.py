@@ -21,7 +21,7 @@ from hotice.policy.observation import Carrying, layout_of, observe, remember
 from hotice.policy.percept import Percept
 from hotice.policy.policy_file import check_layout
 from hotice.safety import Answer, Fault
-from hotice.systems.failing import CONTROLLER_ERRORS, Message, message_of
+from hotice.systems.failing import CONTROLLER_ERRORS, message_of
 from hotice.systems.signals import ANSWER, GUIDANCE, NUM_JOINTS, PERCEPT
 from hotice.task import history
 
@@ -73,7 +73,7 @@ class PolicySystem(LeafSystem):
         groups = [
             self.DeclareDiscreteState(rest) for rest in (*self._rest, np.array([np.nan, 0.0]), np.full(3, np.nan))
         ]
-        self.DeclareAbstractState(AbstractValue.Make(Message()))
+        self.DeclareAbstractState(AbstractValue.Make(""))
         self._percept = self.DeclareVectorInputPort("percept", PERCEPT)
         self._guidance = self.DeclareVectorInputPort("guidance", GUIDANCE)
         self._active = self.DeclareVectorInputPort("active", 1)
@@ -90,7 +90,7 @@ class PolicySystem(LeafSystem):
 
     def message(self, context: Context) -> str:
         """What this system's own Context says of the last fault; empty before the first."""
-        return context.get_abstract_state(0).get_value().text
+        return context.get_abstract_state(0).get_value()
 
     def observation(self, context: Context) -> NDArray[np.float32]:
         """What the policy would read now; rows as in `hotice.policy.observation.layout_of`."""
@@ -107,7 +107,7 @@ class PolicySystem(LeafSystem):
 
     def _has_to_stand(self, context: Context) -> bool:
         guidance = self._guidance.Eval(context)
-        told = self._answer.HasValue(context) and self._answer.Eval(context)[0] == Answer.STOP_WALKING
+        told = self._answer.HasValue(context) and int(self._answer.Eval(context)[0]) == Answer.STOP_WALKING
         return told or not math.isfinite(guidance.dot(guidance))
 
     def _here(self, percept: Percept) -> Array:
@@ -149,7 +149,7 @@ class PolicySystem(LeafSystem):
         target += self._target
 
     def _fails(self, state: State, fault: Fault, message: str) -> Fault:
-        state.get_mutable_abstract_state(0).set_value(Message(message))
+        state.get_mutable_abstract_state(0).set_value(message)
         return fault
 
     def _output_target(self, context: Context, output: BasicVector) -> None:

@@ -24,7 +24,6 @@ from hotice.model.joint_limits import position_limits, torque_limits
 from hotice.policy.percept import Percept
 from hotice.safety import AgeLimits, Answer, CommandLimits, Fault, MeasurementLimits, judge
 from hotice.safety.responses import response_table, still_table
-from hotice.safety.watch import MOVING_RAD_S
 from hotice.systems.signals import (
     GUIDANCE,
     JOINT_POS,
@@ -43,7 +42,7 @@ FAULTS = len(Fault)
 LEGS_AND_WAIST = np.array([not any(arm in joint for arm in ("shoulder", "elbow")) for joint in g1.ACTION_JOINTS])
 _GYRO = ROOT_RATE.start
 _OBSERVATION_INVALID, _GUIDANCE_INVALID = int(Fault.OBSERVATION_INVALID), int(Fault.GUIDANCE_INVALID)
-_REPEAT = int(Answer.REPEAT)
+_REPEAT, _MOVING_RAD_S = int(Answer.REPEAT), judge.MOVING_RAD_S
 _P_WP, _P_WO, _R_WO = (Percept.PARTS[name].start for name in ("p_WP", "p_WO", "R_WO"))
 COUNTS, DECISION, SPARED, MEMORY = range(4)
 """Groups of the state: how often each fault was there at a check, (faults,), the first number for any; answer and
@@ -158,8 +157,13 @@ def _passes(command, lower, upper):
 
 
 @compiled
-def _check(now, state, percept, guidance, sources, command, tick, status, memory, counts, table, still_holds, limits):
-    """Answer and fault of one check, after the checks before, which `memory` and `counts` hold."""
+def _check(
+    now, state, percept, guidance, sources, command, tick, status, memory, counts, table, still_holds, limits, final
+):
+    """Answer and fault of one check, after the checks before, which `memory` and `counts` hold.
+
+    `final`: the robot is damped, and what its arms hold stays what it was.
+    """
     lower, upper, c_lower, c_upper, measurement, command_limits, ages, targets = limits
     begun = np.full(FAULTS, np.inf)
     q, qd, gyro = state[JOINT_POS], state[JOINT_VEL], state[_GYRO : _GYRO + 3]
@@ -180,7 +184,7 @@ def _check(now, state, percept, guidance, sources, command, tick, status, memory
         fastest = max(fastest, abs(qd[i]))
         same = same and memory[_NUMBERS + i] == q[i] and memory[_NUMBERS + 20 + i] == qd[i]
         memory[_NUMBERS + i], memory[_NUMBERS + 20 + i] = q[i], qd[i]
-    if not same or fastest < MOVING_RAD_S:
+    if not same or fastest < _MOVING_RAD_S:
         memory[_SAME] = np.inf
     elif not math.isfinite(memory[_SAME]):
         memory[_SAME] = memory[_TAKEN]
@@ -201,7 +205,7 @@ def _check(now, state, percept, guidance, sources, command, tick, status, memory
     since = memory[_SINCE : _SINCE + FAULTS]
     _remember(begun, now, since, counts)
     answer, fault = _decide(now, since, _stands_still(quat, gyro, qd), table, still_holds)
-    if answer < _REPEAT:
+    if answer < _REPEAT and not final:
         last[:], memory[_HELD_Q : _HELD_Q + 20] = command, q
     return answer, fault
 
@@ -284,7 +288,7 @@ class SafetyMonitor(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(control_dt_s, 0.0, self._check)
 
     def _check(self, context: Context, state: State) -> None:
-        before = int(context.get_discrete_state(DECISION).value()[0])
+        before, last_fault = context.get_discrete_state(DECISION).value().tolist()
         now = context.get_time()
         memory = state.get_mutable_discrete_state(MEMORY).get_mutable_value()
         counts = state.get_mutable_discrete_state(COUNTS).get_mutable_value()
@@ -303,11 +307,12 @@ class SafetyMonitor(LeafSystem):
             self._table,
             self._still_holds,
             self._limits,
+            before == Answer.DAMP,
         )
         counts[_ANY] += fault > 0
         if before == Answer.DAMP:
             self._spare(now, memory, state)
-        elif fault or before or context.get_discrete_state(DECISION).value()[1]:
+        elif fault or before or last_fault:
             state.get_mutable_discrete_state(DECISION).SetFromVector([float(answer), float(fault)])
             if answer == Answer.DAMP:
                 memory[_DAMPED_S] = now
@@ -319,7 +324,7 @@ class SafetyMonitor(LeafSystem):
 
     def _output_command(self, context: Context, output: BasicVector) -> None:
         command = self._command.Eval(context)
-        answer = context.get_discrete_state(DECISION).value()[0]
+        answer = int(context.get_discrete_state(DECISION).value()[0])
         if answer < Answer.REPEAT and _passes(command, self._lower, self._upper):
             output.SetFromVector(command)
             return

@@ -6,9 +6,10 @@ import pytest
 from hotice.errors import InvalidConfig
 from hotice.model import g1
 from hotice.model.joint_limits import position_limits, torque_limits
-from hotice.safety import RESPONSES, AgeLimits, Answer, CommandLimits, Fault, MeasurementLimits, Watch, answer_to
+from hotice.safety import RESPONSES, AgeLimits, Answer, CommandLimits, Fault, MeasurementLimits
 from hotice.safety.judge import measurement_array, stands_still
 from hotice.safety.responses import STILL_HOLDS, response_table
+from tests.safety.watch_fixture import Watch
 
 LOWER, UPPER = position_limits(g1.ACTION_JOINTS)
 MIDDLE = 0.5 * (LOWER + UPPER)
@@ -266,6 +267,12 @@ def test_standing_still():
     assert not stands_still(leaning(0.5), np.zeros(3), np.zeros(20))
     assert not stands_still(UPRIGHT, np.zeros(3), with_one(np.zeros(20), 7, np.nan))
     assert not stands_still(np.full(4, np.nan), np.zeros(3), np.zeros(20))
+
+
+def answer_to(fault, lasted_s, still=False):
+    w = watch()
+    w.see(fault, 0.0)
+    return w.decide(lasted_s, still).answer
 
 
 def test_every_fault_has_an_answer_and_only_falls_damp_at_once():

@@ -9,6 +9,7 @@ from hotice.errors import InvalidStation
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.safety import Fault
 from hotice.systems.controller_system import UNKNOWN_PHASE, ControllerSystem, measurement_of
+from hotice.systems.failing import message_of
 from hotice.systems.signals import JOINT_POS, JOINT_VEL
 
 
@@ -146,3 +147,7 @@ def test_what_a_controller_cannot_answer_is_a_fault_with_its_message(robot_state
     bad, good = Fault.CONTROLLER_ERROR, Fault.NONE
     assert seen[:3] == [(good, 1.0, ""), (good, 2.0, ""), (bad, 2.0, gave_up)], "the torque before is kept"
     assert seen[3:] == [(good, 3.0, gave_up), (good, 4.0, gave_up), (bad, 5.0, fell_back), (good, 6.0, fell_back)]
+
+
+def test_a_message_can_be_written_whatever_it_holds():
+    assert message_of(ValueError("a\n  file \udcff.stl")) == "ValueError: a file \\udcff.stl"

@@ -322,6 +322,14 @@ def test_injected_faults_are_checked():
         InjectedFault(signal="robot_state", index=(84,))
 
 
+@pytest.mark.parametrize("controller", ["hold", "walk"])
+def test_a_fault_that_nobody_would_answer_is_refused(controller):
+    for faults in (lost_box(0.5), one("guidance")):
+        with pytest.raises(InvalidStation, match=f"answered under controller='policy' alone, not under '{controller}'"):
+            make_station(StationConfig(scene="open_floor"), controller=controller, faults=faults)
+    make_station(StationConfig(scene="open_floor"), controller="hold", faults=one("tick"))
+
+
 def test_a_faulty_signal():
     faults = [
         InjectedFault(signal="tick", kind="late", value=0.04, from_s=0.1, until_s=0.2),

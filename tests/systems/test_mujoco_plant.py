@@ -141,3 +141,29 @@ def test_a_servo_in_the_plant_is_one_around_it(model, carry, rng):
             mujoco.mj_step(motors, data)
         np.testing.assert_array_equal(plant.GetOutputPort("full_state").Eval(context), flat(motors, data))
     assert np.abs(data.qvel).max() > 0.1
+
+
+def test_contexts_of_one_plant_do_not_damp_each_other(model, carry):
+    """Also where the input is open: the model, which holds the motors, is shared."""
+    plant = MujocoPlant(copy.copy(model), carry.qpos(), carry.joint_target)
+    free, damped = Simulator(plant), Simulator(plant)
+    for simulator in (free, damped):
+        plant.GetInputPort("actuation").FixValue(simulator.get_mutable_context(), carry.joint_target)
+        simulator.AdvanceTo(0.3)
+
+    def force(simulator):
+        context = simulator.get_context().Clone()  # nothing cached
+        return plant.GetOutputPort("contact_force").Eval(context).copy()
+
+    expected = force(free)
+    plant.GetInputPort("damped").FixValue(damped.get_mutable_context(), np.ones(plant.nu))
+    damped.AdvanceTo(0.301)
+    limp = force(damped)
+    np.testing.assert_array_equal(force(free), expected)
+    assert np.abs(limp - expected).max() > 1.0
+    twin = Simulator(MujocoPlant(copy.copy(model), carry.qpos(), carry.joint_target))
+    twin.get_system().GetInputPort("actuation").FixValue(twin.get_mutable_context(), carry.joint_target)
+    for simulator in (twin, free):
+        simulator.AdvanceTo(0.31)
+    states = [s.get_context().get_discrete_state_vector().value() for s in (free, twin)]
+    np.testing.assert_array_equal(*states)

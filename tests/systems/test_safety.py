@@ -135,6 +135,17 @@ def test_a_fall_is_final_and_the_arms_let_go_after_a_second(watched, robot_state
     assert watched.counts == {Fault.TILT: 1}
 
 
+def test_the_arms_of_a_fallen_robot_hold_what_they_held_whatever_is_commanded_later(watched, robot_state):
+    """Its controller goes on, and knows nothing of the fall."""
+    watched.step()
+    watched.step(robot_state=changed(robot_state, slice(3, 7), LYING))
+    arms = LEGS_AND_WAIST < 1
+    for k in range(5):
+        command, answer, _, _ = watched.step(command=watched.command + 0.1 * k)
+        assert answer is Answer.DAMP
+        np.testing.assert_array_equal(command[arms], watched.command[arms])
+
+
 @pytest.mark.parametrize(
     "index, value, fault",
     [(JOINT_VEL[3], -46.0, Fault.JOINT_SPEED), (ROOT_RATE.start + 1, 12.1, Fault.GYRO)],
@@ -171,9 +182,14 @@ def test_no_bad_command_passes(posture, robot_state, torques, value):
 
 
 def test_a_leap_of_a_target(watched):
-    watched.step()
-    _, answer, fault, _ = watched.step(command=changed(watched.command, 3, watched.command[3] - 2.6))
-    assert fault is Fault.COMMAND_RANGE or (answer, fault) == (Answer.REPEAT, Fault.COMMAND_STEP)
+    high = changed(watched.command, 3, watched.system.posture.upper[3])
+    watched.step(command=high)
+    _, answer, fault, _ = watched.step(command=changed(high, 3, high[3] - 2.4))
+    assert (answer, fault) == (Answer.PASS, Fault.NONE)
+    watched.step(command=high)
+    command, answer, fault, _ = watched.step(command=changed(high, 3, high[3] - 2.6))
+    assert (answer, fault) == (Answer.REPEAT, Fault.COMMAND_STEP)
+    np.testing.assert_array_equal(command, high)
 
 
 @pytest.mark.parametrize("fault", [Fault.CONTROLLER_ERROR, Fault.ACTION_INVALID, Fault.OBSERVATION_INVALID])

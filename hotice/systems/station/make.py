@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydrake.common import RandomGenerator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
+from hotice.errors import InvalidStation
 from hotice.model.dynamics import joint_offset
 from hotice.systems.compose import build, connect
 from hotice.systems.faulty import SIGNALS, FaultySignal, InjectedFault, Now
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating]
 SEEDS = 2**31
 """Number of seeds that a station may draw."""
+WATCHED_OF_POLICY = ("percept", "stamps", "guidance")
+"""Signals that the safety monitor watches where the controller is a policy; model-based ones read the true state."""
 
 
 class Station(Diagram):
@@ -104,10 +107,12 @@ def make_station(
         plant: mujoco, or drake (a MultibodyPlant of the same robot, object and scene).
         controller: policy; hold (stands with the object); walk, pickup (`hotice.control`); pickup_then_policy.
         meshcat: a pydrake Meshcat to draw into; None: no visualizer.
-        faults: of signals, to see what the station does about them.
+        faults: of signals, to see what the station does about them; those of percept, stamps and guidance for the
+            controller `policy` alone.
 
     Raises:
         UnknownName: plant or controller.
+        InvalidStation: a fault of a signal that no answer follows from.
         HoticeError: what does not go together, and files that cannot be used.
     """
     return Station(StationSetup.decide(config or StationConfig(), plant, controller), meshcat, faults)
@@ -129,7 +134,18 @@ class _Wires:
         return system, "signal"
 
 
+def _check_answered(faults: Sequence[InjectedFault], controller: str) -> None:
+    """Raises `InvalidStation` for a fault of a signal that is not watched under this controller."""
+    for fault in faults:
+        if controller != "policy" and fault.signal in WATCHED_OF_POLICY:
+            raise InvalidStation(
+                f"a fault of {fault.signal} is answered under controller='policy' alone, not under {controller!r}: "
+                f"inject one of {', '.join(name for name in SIGNALS if name not in WATCHED_OF_POLICY)}"
+            )
+
+
 def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any, faults: Sequence[InjectedFault]) -> None:
+    _check_answered(faults, setup.controller_name)
     config, dt = setup.config, setup.task.control_dt_s
     wires = _Wires(builder, faults, dt)
     late, latency_s = draw_delays(config.sensing, dt, round(dt / setup.physics_dt_s), config.seed)

@@ -1,4 +1,4 @@
-"""One watch over a robot: takes measurements, poses, commands and ages, and says what to do."""
+"""The judgements of `hotice.safety` in the order in which a station asks them, uncompiled, one at a time."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Watch:
         with np.errstate(all="ignore"):
             judge.find_state(self._begun, now_s, quat, gyro, q, qd, self.lower, self.upper, self._measurement)
         numbers = np.concatenate([q, qd, gyro])
-        if not np.array_equal(numbers, self._numbers) or np.abs(qd).max() < MOVING_RAD_S:
+        if not np.array_equal(numbers, self._numbers) or np.abs(qd).max() < judge.MOVING_RAD_S:
             self._same = np.inf
         elif not np.isfinite(self._same):
             self._same = self._taken_s
@@ -123,7 +123,3 @@ class Watch:
         if answer == Answer.DAMP:
             self._final = Fault(cause)
         return Decision(answer=Answer(answer), fault=Fault(cause), present=present)
-
-
-MOVING_RAD_S = 0.01
-"""From this joint speed on a robot's numbers cannot stay the same."""
