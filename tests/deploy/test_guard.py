@@ -10,6 +10,7 @@ from hotice.deploy.guard.dry import DryLink
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.modes import NEXT, Mode, Request, wished
 from hotice.deploy.link.faults import Faults
+from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.messages.checks import seal
 from hotice.deploy.messages.hg import LOW_STATE
 from hotice.model import g1
@@ -291,6 +292,34 @@ def test_silence():
     assert bench.robot.command().record["motor_cmd"]["kd"][0] == DAMPING_KD
     warned = [e for e in bench.events if e.text.startswith("warn: state is")]
     assert len(warned) == 1 and warned[0].time_s - (bench.clock.now() - 26 * DT_S) == pytest.approx(0.02, abs=2.1e-3)
+
+
+def test_a_link_that_cannot_be_read_is_silence_and_stays_guarded():
+    bench = bench_in(Mode.CARRY)
+
+    def fails():
+        raise LinkError("messages cannot be taken: the reader is gone")
+
+    read, bench.link.state = bench.link.state, fails
+    assert bench.until_damping() == pytest.approx(0.05, abs=2.1e-3) and bench.guard.cause is Cause.STATE_AGE
+    assert [e.text for e in bench.events if e.cause is Cause.LINK] == [
+        "warn: messages cannot be taken: the reader is gone"
+    ]
+    assert bench.ask("posture") is Mode.DAMPING and "no state within" in bench.events[-1].text
+    bench.link.state = read
+    bench.ticks(2)
+    assert bench.ask("posture") is Mode.POSTURE
+
+
+def test_a_battery_that_cannot_be_read_is_not_known():
+    bench = Bench()
+
+    def fails():
+        raise LinkError("messages cannot be taken: the reader is gone")
+
+    bench.guard._charge = fails
+    bench.ticks(300)
+    assert bench.ask("start") is Mode.OFF and "charge is not known" in bench.events[-1].text
 
 
 def test_a_tick_that_stands_still_is_silence():
