@@ -170,6 +170,17 @@ def test_who_does_not_know_where_it_is_gives_no_targets_for_walking(policy, pf, 
     assert desk.tick(Mode.CARRY, robot) is None
 
 
+@pytest.mark.parametrize("mode", Mode)
+def test_a_dispute_is_told_and_ends_where_a_key_goes_on(policy, pf, carry, rng, mode):
+    """Before a carry too: localization that was set right on the gantry would refuse every carry otherwise."""
+    robot = a_robot(carry, rng)
+    desk = Desk(policy, pf, carry, robot)
+    desk.known.disputed = True
+    assert desk.tick(mode, robot)["pose_disputed"] == 1
+    ends = mode not in (Mode.PICK_UP, Mode.CARRY, Mode.LOWER)
+    assert desk.tick(mode, robot)["pose_disputed"] == (not ends)
+
+
 def test_a_policy_that_answers_nonsense_gives_no_targets(policy, pf, carry, rng):
     robot = a_robot(carry, rng)
     ours = CarryPolicy(policy, carry)
