@@ -6,6 +6,7 @@ import pytest
 from hotice.deploy.command import DAMPING_KD, LIMITS
 from hotice.deploy.guard.commands import ARMS, damping, enabled_motors, servo, smooth
 from hotice.deploy.guard.config import GuardConfig
+from hotice.deploy.guard.decide import decide
 from hotice.deploy.guard.dry import DryLink
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.modes import NEXT, Mode, Request, wished
@@ -51,6 +52,21 @@ def test_wishes_lead_where_the_table_says_and_nowhere_else():
                 assert wished(mode, request) is NEXT.get((mode, request), mode)
         assert wished(mode, Request.STOP) is (Mode.OFF if mode is Mode.OFF else Mode.DAMPING)
     assert all(NEXT[pair] is not Mode.OFF for pair in NEXT)
+
+
+@pytest.mark.parametrize(
+    ("mode", "wishes", "after"),
+    [
+        ("PICK_UP", "CARRY HOLD", "HOLD"),
+        ("HOLD", "CARRY LOWER", "LOWER"),
+        ("CARRY", "LOWER HOLD", "HOLD"),
+        ("READY", "CARRY PICK_UP", "PICK_UP"),
+        ("CARRY", "HOLD STOP", "DAMPING"),
+    ],
+)
+def test_of_several_wishes_the_calmest_counts(mode, wishes, after):
+    asked = {Request[wish] for wish in wishes.split()}
+    assert decide(Mode[mode], [], asked).mode is Mode[after]
 
 
 @pytest.mark.parametrize("mode", ACTIVE)
@@ -177,6 +193,19 @@ def test_damping_keeps_the_squeeze_for_a_second():
     bench.ticks(2)
     released = bench.sent[-1]
     assert (released.kp == 0).all() and (released.kd == DAMPING_KD).all() and (released.tau == 0).all()
+
+
+def test_a_squeeze_asks_no_arm_for_more_than_its_torque():
+    """Arms that a fall bends are pressed on with what their motors have, not with what the bend makes of the gains."""
+    bench = bench_in(Mode.CARRY)
+    bench.ask("stop")
+    stiff = bench.sent[-1]
+    bench.q = np.where(ARMS, bench.q - 0.8, bench.q)
+    bench.ticks(30)  # a jump of the encoders is believed after a while
+    measured = bench.guard.measured.newest.record["motor_state"]
+    q, dq = measured["q"][:29], measured["dq"][:29]
+    assert (np.abs(stiff.motor_torques(q, dq)) > TORQUE)[ARMS].any()
+    assert (np.abs(bench.sent[-1].motor_torques(q, dq)) <= TORQUE * (1 + 1e-5)).all() and bench.sent[-1].kp[ARMS].any()
 
 
 def test_damping_from_the_posture_squeezes_nothing():
