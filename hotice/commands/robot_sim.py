@@ -13,9 +13,10 @@ from hotice.console import PlainConsole
 from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.dds.node import DdsNode
 from hotice.deploy.guard.scheduling import SIMULATED_PRIORITY, take_precedence
-from hotice.deploy.simulated.keys import KEYS, Terminal
+from hotice.deploy.simulated.keys import KEYS, pressed
 from hotice.deploy.simulated.on_network import NetworkRobot, Ports
 from hotice.deploy.simulated.real_time import Lateness, live
+from hotice.deploy.terminal import Terminal
 from hotice.machine import usable_cores
 
 LOOK_STEPS = 5
@@ -52,8 +53,8 @@ def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
 
         def step() -> None:
             network.step()
-            if robot.steps % LOOK_STEPS == 0:
-                for keys in terminal.typed():
+            if terminal.there and robot.steps % LOOK_STEPS == 0:
+                for keys in pressed(terminal.typed()):
                     robot.press(*keys)
 
         lateness = live(step, MonotonicClock(), lambda: not stopped and robot.time_s < config.duration_s)
