@@ -6,8 +6,8 @@ Pictures: the printed sheets through `hotice.deploy.tags.rendering`, blur 0.6 px
 place, pelvis and waist straight. Carry: the box where the carry state of its size has it, ± 3 cm and up to 8.6° about
 any axis; pick-up: 0.45 to 0.65 m ahead of the pelvis, ± 10 cm across, its centre −15 to +10 cm above it. Flips: true
 corners of the tags that face the camera in its picture, noise 0.5 px, more than 10° off. Times: CPU, of one thread.
-Exit status 1 unless every p95 without motion is within 2 mm and 0.3°, no picture is lost, nothing flips and every
-wrong picture is refused.
+Exit status 1 unless every p95 without motion is within 2 mm and 0.3° and no picture is lost, nothing flips of all tags
+in sight (a single one may), and every wrong picture is refused.
 """
 
 from __future__ import annotations

@@ -7,13 +7,14 @@ import math
 
 from rich.table import Table
 
+from hotice.commands.deploy.terminal import Terminal
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.commands.signals import stopped_by_signals
 from hotice.console import PlainConsole
 from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.dds.node import DdsNode
 from hotice.deploy.guard.scheduling import SIMULATED_PRIORITY, take_precedence
-from hotice.deploy.simulated.keys import KEYS, pressed
+from hotice.deploy.simulated.keys import KEYS, pressed_by
 from hotice.deploy.simulated.on_network import NetworkRobot, Ports
 from hotice.deploy.simulated.real_time import Lateness, live
 from hotice.deploy.terminal import Terminal
@@ -54,7 +55,7 @@ def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
         def step() -> None:
             network.step()
             if terminal.there and robot.steps % LOOK_STEPS == 0:
-                for keys in pressed(terminal.typed()):
+                for keys in pressed_by(terminal.typed()):
                     robot.press(*keys)
 
         lateness = live(step, MonotonicClock(), lambda: not stopped and robot.time_s < config.duration_s)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 from rich.table import Table
 
 from hotice.commands.signals import stopped_by_signals
@@ -24,16 +26,15 @@ def tag_camera(config: TagCameraConfig) -> None:
     console, clock, stopped = PlainConsole(), MonotonicClock(), []
     # the other cores are the guard's and the runner's
     opencv().setNumThreads(1)
-    detector, frames = TagDetector(box_ids(config.first_id)), _opened(config, clock)
-    sender = UdpSender(config.port, host=config.host)
-    console.print(f"tags of {config.camera} to UDP {config.host}:{config.port}; Ctrl-C ends")
-    end_s = clock.now() + config.duration_s
-    try:
-        with stopped_by_signals(stopped):
-            watched = watch_tags(frames, detector, sender, clock, stopped=lambda: bool(stopped) or clock.now() >= end_s)
-    finally:
-        frames.close()
-        sender.close()
+    detector = TagDetector(box_ids(config.first_id))
+    with (
+        closing(UdpSender(config.port, host=config.host)) as sender,
+        closing(_opened(config, clock)) as frames,
+        stopped_by_signals(stopped),
+    ):
+        console.print(f"tags of {config.camera} to UDP {config.host}:{config.port}; Ctrl-C ends")
+        end_s = clock.now() + config.duration_s
+        watched = watch_tags(frames, detector, sender, clock, stopped=lambda: bool(stopped) or clock.now() >= end_s)
     table = Table("", "", title="camera", show_header=False)
     for row in in_words(watched):
         table.add_row(*row)

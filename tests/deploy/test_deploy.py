@@ -157,7 +157,7 @@ def test_the_table(capsys):
         "carry for 6 s",
         "10 ms old",
         "warm, targets 20 ms old",
-        "0.10 s old, ok",
+        "0.12 s old, ok",
         "never, none seen",
         "1.50 m",
         "guard not known; runner 3.0 ms at most, 1 of 50 skipped",

@@ -7,6 +7,7 @@ import re
 import socket
 import threading
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -122,12 +123,12 @@ def test_a_frame_says_ages_lateness_and_mode(painter):
 
 def test_changes_of_mode_are_events(painter):
     frames = [painter.frame(moment_at(i)) for i in range(100)]
-    told = [(event["time"], event["text"]) for event in frames[-1]["events"]]
+    told = [(event["time"], event["kind"], event["text"]) for event in frames[-1]["events"]]
     assert told == [
-        (0.0, "damping: operator"),
-        (0.5, "carry: operator"),
-        (1.0, "hold: box unseen"),
-        (1.5, "damping: lean"),
+        (0.0, "mode", "damping: operator"),
+        (0.5, "mode", "carry: operator"),
+        (1.0, "fault", "hold: box unseen"),
+        (1.5, "fault", "damping: lean"),
     ]
     assert [len(frame["events"]) for frame in frames[::25]] == [1, 2, 3, 4]
 
@@ -142,6 +143,12 @@ def test_a_robot_that_is_not_known_has_no_place(painter):
         assert [fact for fact in frame["facts"] if fact[2]] == [("Robot and box", "not known yet", True)]
         assert ("State", "4 ms", False) in frame["facts"]
         json.dumps(frame, allow_nan=False)
+
+
+def test_a_state_that_never_came_has_no_age(painter):
+    status = status_at(0)
+    status["sequence"] = status["received_s"] = 0
+    assert ("State", "never", True) in painter.frame(moment(status, None, time_s=START_S))["facts"]
 
 
 def test_a_slow_reader_misses_frames():
@@ -173,6 +180,21 @@ def test_twenty_moments_a_second_are_sent_at_most():
         if sent[-1]:
             theirs.recv(MOMENT.itemsize)
     assert sent == [i % 3 == 0 for i in range(50)] and sender.dropped == 0
+    ours.close()
+    theirs.close()
+
+
+def test_a_late_tick_is_shown_by_the_next_moment():
+    """Two of three ticks are not shown; what they were late is."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    sender, shown = MomentSender(ours), []
+    for i in range(10):
+        began_s = START_S + STEP_S * i + (0.015 if i == 4 else 0.0)
+        runner = SimpleNamespace(began_s=began_s, period_s=STEP_S, status=status_at(i), estimate=None)
+        sender.after(runner)
+        if i % 3 == 0:
+            shown.append(float(np.frombuffer(theirs.recv(MOMENT.itemsize), MOMENT)[0]["late_s"]))
+    np.testing.assert_allclose(shown, [0.0, 0.0, 0.015, 0.0], atol=1e-9)
     ours.close()
     theirs.close()
 

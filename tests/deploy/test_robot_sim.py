@@ -15,6 +15,8 @@ from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.deploy.clock import MonotonicClock, SimulatedClock
 from hotice.deploy.command import LIMITS, CheckedCommand
 from hotice.deploy.messages.hg import JOINTS
+from hotice.deploy.messages.remote import KEYS as REMOTE_KEYS
+from hotice.deploy.simulated.keys import KEYS, pressed_by
 from hotice.deploy.simulated.real_time import live
 from hotice.deploy.sources import PoseSample, TagSample, UdpSource
 from hotice.deploy.switcher import SERVICE, active_controller, leave_high_level
@@ -59,6 +61,11 @@ def test_what_is_too_late_slips():
     lateness = live(clock.step, clock, lambda: len(clock.began_s) < 3)
     assert lateness.slipped_s == pytest.approx(0.3)
     assert clock.began_s == pytest.approx([0.002, 0.304, 0.306])
+
+
+def test_letters_of_the_terminal_are_keys_of_the_gamepad():
+    assert pressed_by(b"sx\xff ") == [("start",), ("select",)]
+    assert {key for keys in KEYS.values() for key in keys} <= set(REMOTE_KEYS)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -11,7 +12,7 @@ from hotice.commands.program import main
 from hotice.deploy.log.writer import LogWriter
 from hotice.deploy.seeing import read_run, rollout_record
 from hotice.deploy.seeing.recorded import LoggedEvent
-from hotice.deploy.seeing.rollout import outcome_of
+from hotice.deploy.seeing.rollout import outcome_of, shown_events
 from hotice.errors import InputError
 from hotice.model import builder, g1
 from hotice.replay import RolloutEvent, write_html
@@ -91,9 +92,9 @@ def test_modes_and_faults_are_events(record):
         RolloutEvent(time_s=999.5, kind="mode", text="damping: start"),
         RolloutEvent(time_s=1000.5, kind="mode", text="carry: carry"),
         RolloutEvent(time_s=1001.0, kind="fault", text="hold: the box was not seen for 2.1 s"),
-        RolloutEvent(time_s=1001.0, kind="mode", text="hold: the box was not seen for 2.1 s"),
+        RolloutEvent(time_s=1001.0, kind="fault", text="hold: the box was not seen for 2.1 s"),
         RolloutEvent(time_s=1001.2, kind="note", text="lower: not now"),
-        RolloutEvent(time_s=1001.5, kind="mode", text="damping: leans by 1.1 rad"),
+        RolloutEvent(time_s=1001.5, kind="fault", text="damping: leans by 1.1 rad"),
     )
     assert record.outcome == "fall"
 
@@ -106,12 +107,31 @@ def test_modes_and_faults_are_events(record):
         ([("ready", "done"), ("damping", "state age"), ("damping", "lean")], "running"),
         ([("carry", "operator"), ("hold", "box unseen"), ("damping", "joint speed")], "fall"),
         ([("carry", "operator"), ("damping", "operator"), ("damping", "lean")], "running"),
+        ([("damping", "lean"), ("posture", "operator")], "running"),
         ([], "running"),
     ],
 )
 def test_the_outcome_is_that_of_the_change_that_decides(told, outcome):
-    """Reaching the posture is no success, and a robot that brakes already may lean."""
+    """Reaching the posture is no success, and a robot that brakes already may lean, also at a ring's beginning."""
     assert outcome_of([(float(i), LoggedEvent(*each, "")) for i, each in enumerate(told)]) == outcome
+
+
+def test_a_ring_may_begin_with_a_fault_that_was_told():
+    told = [("damping", "lean", "damping: leans by 1.1 rad"), ("posture", "operator", "posture")]
+    events = shown_events([(float(i), LoggedEvent(*each)) for i, each in enumerate(told)])
+    assert [(each.kind, each.text) for each in events] == [
+        ("fault", "damping: leans by 1.1 rad"),
+        ("mode", "posture: posture"),
+    ]
+
+
+def test_a_time_at_which_nothing_was_known_is_told(run):
+    """The page moves the robot evenly over it."""
+    known = [i for i in range(FRAMES) if not 30 <= i < 45]
+    events = rollout_record(replace(run, moments=run.moments[known], readings=[run.readings[i] for i in known])).events
+    (told,) = [event for event in events if "not known" in event.text]
+    assert (told.kind, told.text) == ("fault", "robot or box not known for 0.34 s")
+    assert told.time_s == time_of(SHOWN[29]) and list(events) == sorted(events, key=lambda event: event.time_s)
 
 
 def test_the_page_has_frames_and_events(record, tmp_path):

@@ -209,6 +209,13 @@ def test_a_fault_that_cannot_be_read(text):
         SimulatedRobotConfig(fault=(text,))
 
 
+@pytest.mark.parametrize("name", ["push", "battery-low"])
+def test_a_fault_of_an_instant_has_no_duration(name):
+    assert SimulatedRobotConfig(fault=(f"{name}@1s",)).mishaps[0].name == name
+    with pytest.raises(InvalidConfig, match="happens once"):
+        SimulatedRobotConfig(fault=(f"{name}@1s+0.5s",))
+
+
 def test_names_that_do_not_exist():
     with pytest.raises(UnknownName, match="tick-frozen"):
         SimulatedRobotConfig(fault=("earthquake@3s",))

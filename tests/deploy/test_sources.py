@@ -118,6 +118,8 @@ def test_over_udp():
     assert source.newest().age_s == pytest.approx(0.3)
     with pytest.raises(LinkError, match="cannot listen"):
         UdpSource(source.port, PoseSample.decode)
+    with pytest.raises(LinkError, match="IPv4 address is needed"):
+        UdpSender(source.port, host="::1")
     for end in (source, sender):
         end.close()
         end.close()

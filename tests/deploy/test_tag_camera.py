@@ -294,6 +294,8 @@ def test_the_program(tmp_path, rng, capsys):
     received = source.newest()
     source.close()
     assert received is not None and received.number == 3 and received.sample.ids.tolist() == [0, 1, 2, 3]
+    assert main(["tag-camera", "--camera", str(tmp_path), "--host", "no host"]) == 2
+    assert "cannot send to no host:" in capsys.readouterr().err
     assert main(["tag-camera", "--camera", str(tmp_path / "nowhere")]) == 2
     assert "no folder" in capsys.readouterr().err
 

@@ -106,7 +106,8 @@ def test_impossible_sources_are_one_line(change, tmp_path):
 )
 def test_imports_say_how_their_map_lies(turn, more, tmp_path):
     """Points of the file, moved by the scene's source, are the points that the boxes were made of."""
-    from hotice.model.importers.scene_import import KEPT, _turn
+    from hotice.model.importers.map_obstacles import KEPT
+    from hotice.model.importers.scene_import import _turn
 
     options = ImportOptions(start=(0.0, 0.0), goal=(2.0, 0.0), **turn, **more)
     p_M = turned(room(np.random.default_rng(1)), (1.0, 0.5, 0.0), 0.05, -1.2)

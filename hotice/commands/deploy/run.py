@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from hotice.commands.deploy.child import Child
 from hotice.commands.deploy.config import DeployConfig, fitting_scene
 from hotice.commands.deploy.view import View
+from hotice.commands.signals import stopped_by_signals
 from hotice.console import PlainConsole
 from hotice.deploy.guard.modes import Mode
 from hotice.deploy.programs.options import GuardOptions, RunnerOptions
@@ -38,9 +39,7 @@ def deploy(config: DeployConfig) -> None:
     what = f"{config.robot} on {interface}, domain {domain}: {scene.name}{', nothing is sent' * config.dry_run}"
     signals: list[int] = []
     with ExitStack() as stack:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            before = signal.signal(number, lambda number, _: signals.append(number))
-            stack.callback(signal.signal, number, before)
+        stack.enter_context(stopped_by_signals(signals))
         view = stack.enter_context(View(console, what))
         view.tell(f"deploying to {what}")
         terminal = stack.enter_context(Terminal())

@@ -100,8 +100,9 @@ class View:
             "runner", self._stage if targets is None else f"{self._stage}, targets {_targets(targets, now_s)}"
         )
         if targets is not None:
-            table.add_row("localization", f"{_age(targets['pose_age_s'])}, {self._runner.get('pose', '')}")
-            table.add_row("box", f"{_age(targets['box_age_s'])}, {self._runner.get('box', '')}")
+            since_s = now_s - targets["stamp_s"]
+            table.add_row("localization", f"{_age(targets['pose_age_s'] + since_s)}, {self._runner.get('pose', '')}")
+            table.add_row("box", f"{_age(targets['box_age_s'] + since_s)}, {self._runner.get('box', '')}")
         goal = self._runner.get("goal_m")
         table.add_row("to the goal", "not known" if goal is None else f"{goal:.2f} m")
         table.add_row("late", f"guard {_lateness(self._guard)}; runner {_lateness(self._runner)}")

@@ -13,7 +13,7 @@ import numpy as np
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.limits import GuardLimits
 from hotice.deploy.guard.modes import Mode
-from hotice.deploy.seeing.moments import arrows_of, complete, is_ogf, named, percept_of, state_of, verdicts_of
+from hotice.deploy.seeing.moments import CALM, arrows_of, complete, is_ogf, named, percept_of, state_of, verdicts_of
 from hotice.fields.hod_pf import build_hod_pf
 from hotice.model.frames import quat_from_yaw
 from hotice.model.geometry.shapes import MeshShape
@@ -94,7 +94,7 @@ class Painter:
         mode, cause = named(Mode, int(shown["mode"])), named(Cause, int(shown["cause"]))
         if self._before != (state := (int(shown["mode"]), int(shown["cause"]))):
             self._before = state
-            event = {"time": since_s, "kind": "mode", "text": f"{mode}: {cause}"}
+            event = {"time": since_s, "kind": "mode" if cause in CALM else "fault", "text": f"{mode}: {cause}"}
             self._events = [*self._events, event][-SHOWN_EVENTS:]
         facts = [("Because of", cause, False), *self._timely(shown)]
         frame = {"time": since_s, "mode": mode, "facts": facts, "events": self._events}

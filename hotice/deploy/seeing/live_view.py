@@ -38,6 +38,7 @@ class MomentSender:
     def __init__(self, to: socket.socket) -> None:
         self.dropped = 0
         self._sent_s, self._ticked_s, self._gone = -np.inf, -np.inf, False
+        self._late_s = 0.0
         self._socket = to
         to.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING * MOMENT.itemsize)
         to.setblocking(False)
@@ -63,12 +64,13 @@ class MomentSender:
         return True
 
     def after(self, runner: RobotRunner) -> None:
-        """Shows what a runner's tick made, if it is time; call it after each."""
+        """Shows what a runner's tick made, if it is time, and how late the worst tick since was; call it after each."""
         late_s, self._ticked_s = runner.began_s - self._ticked_s - runner.period_s, runner.began_s
+        self._late_s = max(self._late_s, late_s if np.isfinite(late_s) else 0.0)
         if runner.status is None or not self.due(runner.began_s):
             return
-        late_s = max(0.0, late_s) if np.isfinite(late_s) else 0.0
-        self.show(moment(runner.status, runner.estimate, time_s=runner.began_s, late_s=late_s))
+        if self.show(moment(runner.status, runner.estimate, time_s=runner.began_s, late_s=self._late_s)):
+            self._late_s = 0.0
 
     def close(self) -> None:
         """Nothing is sent any more."""

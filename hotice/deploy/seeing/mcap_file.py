@@ -14,7 +14,7 @@ from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.modes import Mode
 from hotice.deploy.seeing.moments import named, quat_of_pelvis
 from hotice.deploy.seeing.recorded import RecordedRun
-from hotice.deploy.seeing.rollout import shown_events
+from hotice.deploy.seeing.rollout import kinds_of
 from hotice.errors import InvalidConfig, MissingExtra
 from hotice.files import written_aside
 from hotice.model import g1
@@ -118,9 +118,9 @@ def messages(run: RecordedRun) -> Iterator[Message]:
     for time_s, targets in zip(run.targets.time_s, run.targets.records, strict=True):
         said = {name: targets[name] for name in ("number", "q", "tau", "pose_age_s", "box_age_s")}
         yield Message("targets", float(time_s), said | {name: bool(targets[name]) for name in ("warm", "done")})
-    for (time_s, told), shown in zip(run.events, shown_events(run.events), strict=True):
-        if shown.kind != "note":
-            yield Message(shown.kind, time_s, told._asdict())
+    for (time_s, told), kind in zip(run.events, kinds_of(run.events), strict=True):
+        if kind != "note":
+            yield Message(kind, time_s, told._asdict())
 
 
 def _estimate(shown: np.ndarray) -> dict[str, Any]:

@@ -35,9 +35,9 @@ MOMENT = np.dtype(
         ("box_verdict", "S40"),
     ]
 )
-"""When the tick began, and how much later than a period after the one before [s]; mode and cause by number; age of
-the state [s]; whether anything is believed yet; measured joints in the order of `g1.ALL_JOINTS` [rad]; what was
-believed, with its ages [s] and verdicts."""
+"""When the tick began, and how much later than a period after the one before [s] (live: the worst since the moment
+before); mode and cause by number; age of the state, inf before the first [s]; whether anything is believed yet;
+measured joints in the order of `g1.ALL_JOINTS` [rad]; what was believed, with its ages [s] and verdicts."""
 
 
 def moment(status: np.ndarray, estimate: Estimate | None, *, time_s: float, late_s: float = 0.0) -> np.ndarray:
@@ -51,7 +51,7 @@ def moment(status: np.ndarray, estimate: Estimate | None, *, time_s: float, late
     shown = np.zeros((), MOMENT)
     shown["time_s"], shown["late_s"] = time_s, late_s
     shown["mode"], shown["cause"] = status["mode"], status["cause"]
-    shown["state_age_s"] = time_s - status["received_s"]
+    shown["state_age_s"] = time_s - status["received_s"] if status["sequence"] else np.inf
     shown["joint_pos"] = status["state"]["motor_state"]["q"][JOINTS]
     if estimate is None:
         return shown
@@ -122,3 +122,7 @@ def named(kind: type[Mode] | type[Cause], number: int) -> str:
 def spoken(name: str) -> str:
     """Name of a mode or cause as it is shown."""
     return name.lower().replace("_", " ")
+
+
+CALM = frozenset(spoken(cause.name) for cause in (Cause.NONE, Cause.OPERATOR, Cause.DONE))
+"""Causes, as they are shown, that are no faults."""

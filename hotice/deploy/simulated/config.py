@@ -53,9 +53,9 @@ class SimulatedRobotConfig:
     """Speed at which localization drifts away, in a direction drawn by the seed [m/s]."""
     fault: tuple[str, ...] = ()
     """What goes wrong and when: NAME@STARTs, or NAME@STARTs+DURATIONs, for example tag-loss@3s or tick-frozen@4s+0.5s.
-    Names: state-silent, state-lost, state-late, state-doubled, state-bad-crc, state-nan, tick-frozen, push,
-    second-publisher, remote-loss, battery-low, motor-hot, motor-error, encoder-jump, tag-loss, tag-foreign, pose-loss,
-    pose-frozen, pose-jump, pose-turn, pose-nan."""
+    push and battery-low take none. Names: state-silent, state-lost, state-late, state-doubled, state-bad-crc,
+    state-nan, tick-frozen, push, second-publisher, remote-loss, battery-low, motor-hot, motor-error, encoder-jump,
+    tag-loss, tag-foreign, pose-loss, pose-frozen, pose-jump, pose-turn, pose-nan."""
     press: tuple[str, ...] = ()
     """Keys of the gamepad pressed for 0.2 s, or longer: KEYS@STARTs, or KEYS@STARTs+DURATIONs, for example L2+B@4s."""
     seed: int = 0

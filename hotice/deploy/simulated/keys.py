@@ -1,4 +1,4 @@
-"""Keyboard of whoever runs a simulated robot in a terminal: letters as keys of its gamepad."""
+"""Letters that whoever runs a simulated robot types: keys of its gamepad."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ KEYS = {
 """Letters: what they press. Space and b stop; o gives the object and lets it go, g lowers the gantry."""
 
 
-def pressed(letters: bytes) -> list[tuple[str, ...]]:
-    """Keys of the gamepad for each letter that was typed; letters without one are left."""
-    return [KEYS[letter] for letter in letters.decode(errors="replace") if letter in KEYS]
+def pressed_by(typed: bytes) -> list[tuple[str, ...]]:
+    """Keys of the gamepad for each letter typed; letters without one are left."""
+    return [KEYS[letter] for letter in typed.decode(errors="replace") if letter in KEYS]

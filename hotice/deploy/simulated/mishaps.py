@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from hotice.deploy.link.faults import Faults
 from hotice.deploy.simulated.timed import timed
-from hotice.errors import UnknownName
+from hotice.errors import InvalidConfig, UnknownName
 
 LINK_FAULTS: dict[str, dict] = {
     "state-silent": {"lost": 1.0},
@@ -46,6 +46,8 @@ MISHAPS = {
     "pose-nan": "localization says not a number",
 }
 """Every mishap and what happens."""
+ONCE = ("battery-low", "push")
+"""Those that happen at an instant, so that no duration ends them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +64,8 @@ class Mishap:
         name, from_s, for_s = timed("fault", text, "tag-loss@3s or tick-frozen@4s+0.5s")
         if name not in MISHAPS:
             raise UnknownName("fault", name, MISHAPS)
+        if name in ONCE and for_s is not None:
+            raise InvalidConfig(f"fault is {text!r}: {name} happens once, at its start; leave the duration out")
         return cls(name=name, from_s=from_s, until_s=math.inf if for_s is None else from_s + for_s)
 
 

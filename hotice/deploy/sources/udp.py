@@ -62,7 +62,11 @@ class UdpSender:
     """Sends samples to a port, see `Sender`; that nobody listens is no error."""
 
     def __init__(self, port: int, *, host: str = LOCALHOST) -> None:
-        self._to = (host, port)
+        """Looks the host up, once. Raises `LinkError` for one that has no IPv4 address."""
+        try:
+            self._to = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)[0][4]
+        except (OSError, UnicodeError) as error:
+            raise LinkError(f"cannot send to {host}:{port}: {error}; a name or an IPv4 address is needed") from None
         self._socket: socket.socket | None = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
 

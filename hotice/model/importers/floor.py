@@ -58,7 +58,11 @@ class Floor:
         floor = self
         for _ in range(2 if cell_m else 0):
             z = floor.to_world(p_M)[:, 2]
-            floor = replace(floor, height_m=floor.height_m + float(z[np.abs(z) < 1.5 * cell_m].mean()))
+            near = z[np.abs(z) < 1.5 * cell_m]
+            if not len(near):
+                # it lies between layers that are several cells apart
+                break
+            floor = replace(floor, height_m=floor.height_m + float(near.mean()))
         return floor
 
     @property

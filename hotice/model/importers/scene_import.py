@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import math
-import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -14,34 +11,24 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.errors import HoticeError, InvalidMap, InvalidScene
+from hotice.errors import HoticeError, InvalidMap
 from hotice.files import read_bytes
 from hotice.model.frames import quat_from_axis_angle, quat_to_mat
-from hotice.model.geometry.extents import category_by_height
-from hotice.model.geometry.shapes import BoxShape, MeshShape
-from hotice.model.importers.bodies import Body, inside, rooms_and_solids
+from hotice.model.importers.bodies import rooms_and_solids
 from hotice.model.importers.floor import Floor, fit_floor
 from hotice.model.importers.formats import ply
 from hotice.model.importers.formats.octomap import read_octomap
 from hotice.model.importers.formats.pcd import read_pcd
-from hotice.model.importers.meshes import (
-    MAX_BODY_FACES,
-    MESH_SUFFIXES,
-    export_obj,
-    read_triangles,
-    sample_surface,
-    upper_side,
-)
+from hotice.model.importers.map_obstacles import bounds_of, boxes_of, meshes_of
+from hotice.model.importers.meshes import MESH_SUFFIXES, read_triangles, sample_surface
 from hotice.model.importers.options import FAR_M, ImportOptions
 from hotice.model.importers.upright import TURNED, fit_upright
-from hotice.model.importers.voxels import Voxels, column_extent, cover_by_boxes, occupied
-from hotice.model.scene import COLUMN_HEIGHTS_M, Obstacle, Scene
+from hotice.model.scene import Obstacle, Scene
 from hotice.model.source import MapSource
 
 Points = NDArray[np.float64]
 CLOUD_SUFFIXES = (".pcd", ".bt")
 MAX_MAP_BYTES = 2 * 2**30
-MAX_BOXES = 2000
 NEAR_M, STOREYS_M = 6.0, 50.0
 """The floor is fitted to what lies within this distance of start and goal, and of the middle height there, so that
 ramps, other storeys and strays do not count."""
@@ -50,15 +37,8 @@ ALTITUDE_M = 10.0
 RESOLVED_M = 0.005
 MARGIN_M, HEIGHT_M = 1.0, 1.5
 """Default crop: this far beyond start and goal, and this high."""
-MIN_BAND_M, MAX_BAND_M = 0.015, 0.05
-"""Points this near the floor are floor; in between it is three standard deviations of the noise about it."""
-FLOOR_AREA_M2 = 0.5
-"""A closed body with more than this to stand on in the floor's plane holds the floor and does not stay a mesh."""
 BELOW_M, BELOW_SHARE = 2.5, 0.2
 """Where more lies this far below the floor than above it, and that share of everything, the floor is none."""
-STANDING_M = 0.12
-"""Room that a robot takes at the least, about its middle."""
-KEPT, FLOOR, NOISE = 0, 1, 2
 _UP = {
     "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
     "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
@@ -67,7 +47,6 @@ _UP = {
     "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
     "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
 }
-_folders: list[contextlib.ExitStack] = []  # meshes of scenes not saved yet, kept until the program ends
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +140,7 @@ def from_points(p_M: Points, options: ImportOptions, name: str, cell_m: float = 
     p_W = p_W[((p_W >= [*low[:2], -np.inf]) & (p_W < high)).all(axis=1)]
     if options.floor == "fit":
         _check_above(p_W, options)
-    boxes, group = _boxes(p_W, low, high, floor, options, (start[:2], goal), cell_m=cell_m)
+    boxes, group = boxes_of(p_W, low, high, floor, options, (start[:2], goal), cell_m=cell_m)
     cells = f"of cells of {100 * cell_m:.3g} cm; nothing lower above the floor is kept" if cell_m else "as measured"
     notes = {
         "points": f"{len(p_M):,}, {len(p_M) - len(finite):,} not finite, {len(p_W):,} in the crop, {cells}",
@@ -172,7 +151,7 @@ def from_points(p_M: Points, options: ImportOptions, name: str, cell_m: float = 
             f"gives no obstacle: of {len(p_W):,} points in the crop none is more than floor or noise; make the crop "
             "larger (--size-m), or check start, goal, unit and up axis"
         )
-    scene = Scene(name, _bounds(low, high), start, goal, tuple(boxes))
+    scene = Scene(name, bounds_of(low, high), start, goal, tuple(boxes))
     return Imported(scene=scene, floor=floor, points_W=p_W, group=group, notes=notes)
 
 
@@ -197,10 +176,10 @@ def from_triangles(corners_M: NDArray[np.float64], options: ImportOptions, name:
     solids = [(floor.to_world(vertices), faces) for vertices, faces in place.solids]
     floor = floor.about(origin)
     start, goal, low, high = _crop(floor, options)
-    meshes, boxed = _meshes([body for body in solids if _touch(body[0][body[1]], low, high).any()], name)
+    meshes, boxed = meshes_of([body for body in solids if _touch(body[0][body[1]], low, high).any()], name)
     surface = np.concatenate([surface, *(vertices[faces] for vertices, faces in boxed)])
     p_W = sample_surface(surface, 0.5 * options.voxel_m, low - [0.0, 0.0, BELOW_M], high)
-    boxes, group = _boxes(p_W, low, high, floor, options, (start[:2], goal), boxed)
+    boxes, group = boxes_of(p_W, low, high, floor, options, (start[:2], goal), boxed)
     if options.floor == "fit" and not meshes and not boxes:
         _check_above(p_W, options)
     notes = {
@@ -208,7 +187,7 @@ def from_triangles(corners_M: NDArray[np.float64], options: ImportOptions, name:
         **_notes(floor, group, boxes),
         "meshes": f"{len(meshes)} closed bodies stay meshes",
     }
-    scene = Scene(name, _bounds(low, high), start, goal, (*meshes, *boxes))
+    scene = Scene(name, bounds_of(low, high), start, goal, (*meshes, *boxes))
     return Imported(scene=scene, floor=floor, points_W=p_W, group=group, notes=notes)
 
 
@@ -308,108 +287,6 @@ def _crop(
         return start, goal, np.array([*low, 0.0]), np.array([*high, HEIGHT_M])
     half, middle = 0.5 * np.array(options.size_m[:2]), places.mean(axis=0)
     return start, goal, np.array([*(middle - half), 0.0]), np.array([*(middle + half), options.size_m[2]])
-
-
-def _bounds(low: Points, high: Points) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    lowest, highest = np.round(low, 9).tolist(), np.round(high, 9).tolist()
-    return tuple(lowest), tuple(highest)
-
-
-def _boxes(
-    p_W: Points,
-    low: Points,
-    high: Points,
-    floor: Floor,
-    options: ImportOptions,
-    places: Sequence[tuple[float, float]],
-    bodies: Sequence[Body] | None = None,
-    cell_m: float = 0.0,
-) -> tuple[list[Obstacle], NDArray[np.int8]]:
-    """Box obstacles of points (n, 3) in the crop, and the group of each point.
-
-    With `bodies` the points are samples of a surface, all of which count, and the bodies are solid inside. At `places`,
-    start and goal, the robot stands. `cell_m`: thickness of the floor beside its noise.
-    """
-    voxel_m = options.voxel_m
-    band = max(cell_m, min(max(MIN_BAND_M, 3.0 * floor.noise_m), MAX_BAND_M))
-    group = np.full(len(p_W), FLOOR, dtype=np.int8)
-    above = np.flatnonzero(p_W[:, 2] > band)
-    Scene("bounds", _bounds(low, high), (*_middle(low, high), 0.0), _middle(low, high))  # refuses huge or empty crops
-    voxels = Voxels.of(p_W[above], low, high, voxel_m)
-    centre = np.stack(np.meshgrid(*map(np.arange, voxels.count.shape), indexing="ij"), axis=-1)
-    centre = low + voxel_m * (centre + 0.5)
-    stood_in = [_stood_in(centre, place) for place in places]
-    if bodies is None:
-        solid = occupied(voxels, options.min_points, options.min_voxels, stood_in=stood_in)
-    else:
-        full = inside(bodies, centre.reshape(-1, 3)).reshape(voxels.count.shape) & (centre[..., 2] > band)
-        solid = occupied(voxels, 1, 1, full, stood_in)
-    group[above] = np.where(voxels.holding(p_W[above], solid), KEPT, NOISE)
-    boxes = cover_by_boxes(solid)
-    if len(boxes) > MAX_BOXES:
-        raise InvalidMap(
-            f"needs {len(boxes):,} boxes of {voxel_m:g} m voxels, at most {MAX_BOXES:,} are allowed: "
-            "make the crop smaller (--size-m) or the voxels larger (--voxel-m)"
-        )
-    obstacles = []
-    for n, box in enumerate(boxes):
-        first, last = low + voxel_m * box[:3], np.minimum(low + voxel_m * box[3:], high)
-        kind = category_by_height(*(round(voxel_m * layer, 9) for layer in column_extent(solid, box)))
-        size, centre = np.round(last - first, 6).tolist(), np.round(0.5 * (first + last), 6).tolist()
-        obstacles.append(Obstacle(f"box_{n + 1:04d}", kind, BoxShape(tuple(size)), tuple(centre)))
-    return obstacles, group
-
-
-def _middle(low: Points, high: Points) -> tuple[float, float]:
-    x, y = 0.5 * (low + high)[:2]
-    return float(x), float(y)
-
-
-def _stood_in(centre: Points, place: tuple[float, float]) -> NDArray[np.bool_]:
-    """Voxels (nx, ny, nz), given their centres, that a robot at a place needs."""
-    aside = np.hypot(*np.moveaxis(centre[..., :2] - place, -1, 0))
-    return (aside < STANDING_M) & (centre[..., 2] > min(COLUMN_HEIGHTS_M)) & (centre[..., 2] < max(COLUMN_HEIGHTS_M))
-
-
-def _meshes(bodies: list[Body], name: str) -> tuple[list[Obstacle], list[Body]]:
-    """Mesh obstacles of solid bodies, smallest first, and the bodies that cannot stay meshes."""
-    meshes, boxed, budget = [], [], MAX_BODY_FACES
-    with contextlib.ExitStack() as stack:
-        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="hotice-import-"))
-        for vertices, faces in bodies:
-            number = f"{name}_{len(meshes) + 1:03d}"
-            if len(faces) > budget or _holds_floor(vertices, faces):
-                boxed.append((vertices, faces))
-                continue
-            obstacle = _mesh_obstacle(Path(folder), number, vertices, faces)
-            try:
-                cast(MeshShape, obstacle.shape).mesh()
-            except InvalidScene:  # closed, but with slivers or corners so close that a mesh obstacle is refused
-                boxed.append((vertices, faces))
-                continue
-            meshes.append(obstacle)
-            budget -= len(faces)
-        if meshes:
-            _folders.append(stack.pop_all())
-    return meshes, boxed
-
-
-def _holds_floor(vertices: Points, faces: NDArray[np.int64]) -> bool:
-    if vertices[:, 2].max() <= MIN_BAND_M:
-        return True
-    top = upper_side((vertices, faces))
-    flat = top[np.abs(top[:, :, 2]).max(axis=1) < MIN_BAND_M]
-    cross = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
-    return 0.5 * float(np.linalg.norm(cross, axis=1).sum()) > FLOOR_AREA_M2
-
-
-def _mesh_obstacle(folder: Path, name: str, vertices: Points, faces: NDArray[np.int64]) -> Obstacle:
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    origin = np.round([*0.5 * (low + high)[:2], low[2]], 6)
-    export_obj(folder / f"{name}.obj", vertices - origin, faces)
-    return Obstacle(
-        name, category_by_height(low[2], high[2]), MeshShape(f"{name}.obj", 1.0, folder), tuple(origin.tolist())
-    )
 
 
 def _notes(floor: Floor, group: NDArray[np.int8], boxes: list[Obstacle]) -> dict[str, str]:

@@ -11,7 +11,8 @@ from hotice.model.frames import quat_from_axis_angle, quat_to_mat
 from hotice.model.importers import voxels
 from hotice.model.importers.floor import fit_floor
 from hotice.model.importers.formats import lzf, pcd, ply
-from hotice.model.importers.scene_import import FLOOR, KEPT, NOISE, ImportOptions, from_points, import_scene
+from hotice.model.importers.map_obstacles import FLOOR, KEPT, NOISE
+from hotice.model.importers.scene_import import ImportOptions, from_points, import_scene
 
 ACROSS = ImportOptions(start=(0.0, 0.0), goal=(2.0, 0.0))
 DECIMALS = np.array([[0.125, -2.5, 3.75], [1e3, -1e-3, 0.0], [np.nan, 1.0, 2.0]])

@@ -5,6 +5,7 @@ import pytest
 
 from hotice.errors import InvalidMap
 from hotice.model.importers import ImportOptions, import_scene
+from hotice.model.importers.floor import Floor
 from hotice.model.importers.formats.octomap import DEPTH, MIDDLE, read_octomap
 from hotice.model.importers.scene_import import from_points
 from tests.model.importers.test_import_cases import PROBES, hall
@@ -107,6 +108,12 @@ def test_random_bytes_never_crash():
         except InvalidMap:
             continue
         assert np.isfinite(points).all()
+
+
+def test_a_floor_between_layers_far_apart_stays():
+    layers = np.array([[0.0, 0.0, -0.03], [1.0, 0.0, 0.03]])
+    assert Floor.given().among_cells(layers, 0.01).height_m == 0.0
+    assert Floor.given().among_cells(layers + [0.0, 0.0, 0.04], 0.01).height_m == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize("resolution", [0.05, 0.1])
