@@ -17,6 +17,7 @@ from hotice.deploy.guard.scheduling import SIMULATED_PRIORITY, take_precedence
 from hotice.deploy.simulated.keys import KEYS, pressed_by
 from hotice.deploy.simulated.on_network import NetworkRobot, Ports
 from hotice.deploy.simulated.real_time import Lateness, live
+from hotice.deploy.terminal import Terminal
 from hotice.machine import usable_cores
 
 LOOK_STEPS = 5

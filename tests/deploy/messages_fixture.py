@@ -1,8 +1,9 @@
-"""Messages with random but possible contents."""
+"""Messages with random but possible contents, and of a robot that is known."""
 
 import numpy as np
 
-from hotice.deploy.messages.hg import LOW_CMD, LOW_STATE
+from hotice.deploy.messages.hg import JOINTS, LOW_CMD, LOW_STATE
+from hotice.model.frames import quat_from_yaw, quat_mul
 
 
 def filled(struct, rng, *, dirty=False):
@@ -27,3 +28,13 @@ def low_cmd(rng, machine=5):
     command["mode_pr"], command["mode_machine"] = 0, machine
     command["motor_cmd"]["mode"] = 1
     return command
+
+
+def state_of(robot, yaw_of_imu=0.7):
+    """LowState of a robot, its IMU's heading off by `yaw_of_imu`."""
+    state = LOW_STATE.zeros()
+    state["imu_state"]["quaternion"] = quat_mul(quat_from_yaw(yaw_of_imu), robot.quat_WP)
+    state["imu_state"]["gyroscope"] = robot.w_WP_P
+    motors = state["motor_state"][JOINTS]
+    motors["q"], motors["dq"] = robot.joint_pos, robot.joint_vel
+    return state

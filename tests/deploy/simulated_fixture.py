@@ -7,10 +7,13 @@ from functools import cache
 import numpy as np
 
 from hotice.deploy.command import LIMITS, CheckedCommand
+from hotice.deploy.estimate import SeenPose
 from hotice.deploy.link.memory import MemoryBus
 from hotice.deploy.simulated import LivingClock, SimulatedRobot, SimulatedRobotConfig
 from hotice.deploy.sources import MemorySource, PoseSample, TagSample
+from hotice.model import builder, g1
 from hotice.model.carry import CarryState, solve_carry
+from hotice.model.frames import quat_conj, quat_mul, quat_rotate
 from hotice.model.objects import Box
 
 STEP_S = 0.002
@@ -41,6 +44,17 @@ class Lab:
         received = self.link.state()
         assert received is not None
         return received.record
+
+    def pelvis(self, *_) -> SeenPose:
+        """Where the pelvis truly is: a `Look` of an estimator."""
+        pelvis = self.world.data.body(g1.ROOT_BODY)
+        return SeenPose(pelvis.xpos.copy(), pelvis.xquat.copy(), self.clock.now())
+
+    def box(self, *_) -> SeenPose:
+        """The object seen from there."""
+        pelvis, box = (self.world.data.body(name) for name in (g1.ROOT_BODY, builder.OBJECT_BODY))
+        back = quat_conj(pelvis.xquat)
+        return SeenPose(quat_rotate(back, box.xpos - pelvis.xpos), quat_mul(back, box.xquat), self.clock.now())
 
     def live(self, seconds: float, command: CheckedCommand | None = None) -> None:
         """Lives on under one command, sent anew every 2 ms, or under none."""

@@ -93,6 +93,14 @@ def test_each_fault_has_its_row(sound, field, value, index, names):
     assert len(failed(rows)) <= len(names) + 1
 
 
+def test_an_error_that_comes_and_goes(sound):
+    states = [state.copy() for state in sound.states]
+    states[100]["motor_state"]["motorstate"][3] = 4
+    states[200]["motor_state"]["motorstate"][3] = 1
+    rows = all_rows(sound.__class__(**{**vars(sound), "states": tuple(states)}))
+    assert [row.value for row in rows if row.name == "motors' errors"] == ["left_knee_joint 0x5"]
+
+
 def test_a_map_that_leans_or_lies_elsewhere(sound):
     half = np.radians(3.0) / 2
     leaning = MapSource(

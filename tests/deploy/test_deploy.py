@@ -1,11 +1,13 @@
 """`hotice deploy`: what it refuses, what it shows, and the whole chain in three processes over loopback."""
 
+import contextlib
 import hashlib
 import itertools
 import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -28,6 +30,7 @@ from hotice.deploy.recording import replay_log
 from hotice.deploy.seeing import read_run, rollout_record
 from hotice.deploy.slot import GuardSlot, SlotError, SlotWatch
 from hotice.deploy.slot.records import STATUS, TARGETS
+from hotice.deploy.slot.slot import slot_path
 from hotice.errors import CheckpointError, InvalidConfig
 from hotice.model import load_scene
 from hotice.model.source import MapSource
@@ -107,7 +110,8 @@ def test_options_as_arguments():
 def test_keys_that_lead_on():
     assert keys_on(Mode.OFF) == "s start (start)"
     assert keys_on(Mode.READY).startswith("u pick-up (R1+A), c carry (R1+X), any other key")
-    assert keys_on(Mode.DAMPING) == "p posture (L2+up)" or keys_on(Mode.DAMPING) == "p posture (up+L2)"
+    assert keys_on(Mode.DAMPING) == "p posture (L2+up)"
+    assert keys_on(Mode.CARRY).startswith("h hold (R1+Y), l lower (R1+down), ")
     assert set(re.findall(r"(\w) [a-z-]+ \(", keys_on(Mode.HOLD))) == {"c", "l"}
 
 
@@ -302,3 +306,19 @@ def test_a_dry_run_sends_nothing_and_a_second_deployment_is_refused(programs):
 def test_a_runner_that_refuses_ends_all(programs):
     deploy = programs("deploy", "--policy", "nothing", *shared())
     assert deploy.end() == 2 and "policy 'nothing'" in deploy.text
+
+
+@pytest.mark.slow
+def test_nothing_is_left_of_a_deployment_that_is_killed_before_its_start(programs):
+    """Guard and runner end by themselves: the ports of the sources can be used again."""
+    network = shared()
+    deploy = programs("deploy", *network)
+    deploy.hear("runner: warm")
+    deploy.process.kill()
+    port, end_s, free = network[3], time.monotonic() + LONG_S, False
+    while not free and time.monotonic() < end_s:
+        time.sleep(0.1)
+        with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
+            ours.bind(("127.0.0.1", port))
+            free = True
+    assert free and not slot_path(f"lo-{network[1]}").exists()

@@ -11,7 +11,7 @@ from hotice.deploy.clock import SimulatedClock
 from hotice.deploy.estimate import LidarPelvis, SeenPose, TaggedBox, TrackingEstimator
 from hotice.deploy.estimate.pelvis import pelvis_in_scene
 from hotice.deploy.frames import WAIST, Pose, camera_in_pelvis
-from hotice.deploy.messages.hg import JOINTS, LOW_STATE
+from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.sources import MemorySource, PoseSample, TagSample
 from hotice.deploy.tags import BoxPoser, box_bundle
 from hotice.model import builder, g1
@@ -30,6 +30,7 @@ from hotice.model.source import MapSource
 from hotice.policy import PerceptModel
 from hotice.policy.measuring import DRAWS, ESTIMATE, attitude, measure
 from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT
+from tests.deploy.messages_fixture import state_of
 
 BOX = Box((0.3, 0.3, 0.25), 1.5)
 DT_S = 0.02
@@ -49,16 +50,6 @@ def a_robot(rng, p_WP=(1.0, -0.5, 0.72), yaw=-2.0):
         p_WO=np.array(p_WP) + quat_rotate(quat_WP, [0.3, 0.02, 0.1]),
         quat_WO=quat_mul(quat_WP, quat_from_yaw(0.05)),
     )
-
-
-def state_of(robot, yaw_of_imu=0.7):
-    """LowState of a robot, its IMU's heading off by `yaw_of_imu`."""
-    state = LOW_STATE.zeros()
-    state["imu_state"]["quaternion"] = quat_mul(quat_from_yaw(yaw_of_imu), robot.quat_WP)
-    state["imu_state"]["gyroscope"] = robot.w_WP_P
-    motors = state["motor_state"][JOINTS]
-    motors["q"], motors["dq"] = robot.joint_pos, robot.joint_vel
-    return state
 
 
 class Poses:

@@ -8,6 +8,7 @@ from hotice.deploy.command import DAMPING_KD
 from hotice.deploy.guard import process
 from hotice.deploy.guard.loop import EDGES_MS, Lateness, run_loop
 from hotice.deploy.guard.modes import Request
+from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.messages.hg import JOINTS
 from tests.deploy.guard_fixture import Bench
 
@@ -59,7 +60,23 @@ class Broken:
         pass
 
 
-def test_a_guard_that_fails_brakes_before_it_ends(monkeypatch):
+class Dying:
+    """A link of which some methods fail from a time on."""
+
+    def __init__(self, link, clock, **from_s):
+        self._link, self._clock, self._from_s = link, clock, from_s
+
+    def __getattr__(self, name):
+        def called(*args):
+            if self._clock.now() >= self._from_s.get(name, np.inf):
+                raise LinkError(f"{name} fails")
+            return getattr(self._link, name)(*args)
+
+        return called
+
+
+def failing(monkeypatch, reads, **from_s):
+    """A bench whose slot fails after some reads, after it was guarded to the end; `from_s`: of `Dying`."""
     monkeypatch.setattr(process, "take_precedence", lambda: False)
     bench = Bench()
 
@@ -73,9 +90,34 @@ def test_a_guard_that_fails_brakes_before_it_ends(monkeypatch):
         part.clock = clock
     for way in (bench.bus._commands, bench.link._way):
         way._clock = clock
+    link = Dying(bench.link, clock, **from_s)
     with pytest.raises(RuntimeError, match="a defect"):
-        process.run_guard(bench.link, Broken(400), clock, wishes=lambda: {Request.START}, charge=lambda: 80.0)
+        process.run_guard(link, Broken(reads), clock, wishes=lambda: {Request.START}, charge=lambda: 80.0)
+    return bench
+
+
+def test_a_guard_that_fails_brakes_before_it_ends(monkeypatch):
+    bench = failing(monkeypatch, 400)
     # 400 ticks, of which those from half a second on send, then two seconds of braking
     assert bench.robot.counts().taken == pytest.approx(400 - 251 + 1000, abs=5)
     command = bench.robot.command().record["motor_cmd"][JOINTS]
     assert (command["kp"] == 0).all() and (command["kd"] == DAMPING_KD).all() and (command["mode"] == 1).all()
+
+
+def test_a_guard_that_can_no_longer_read_brakes_on_and_before_it_ends(monkeypatch):
+    """The reader fails, the writer does not: a defect of the guard comes on top of that."""
+    bench = failing(monkeypatch, 1000, state=1.0)
+    assert bench.robot.counts().taken == pytest.approx(1000 - 251 + 1000, abs=5)
+
+
+def test_a_message_that_is_not_sent_is_not_the_last_word():
+    clock, sent = SimulatedClock(), []
+
+    class Stuttering:
+        def publish(self, command):
+            if len(sent) < 3 and clock.now() < 0.5:
+                raise LinkError("the message was not sent")
+            sent.append(command)
+
+    process.last_words(Stuttering(), 5, clock, 500.0)
+    assert len(sent) == pytest.approx(750, abs=2) and (sent[-1].kd == DAMPING_KD).all()

@@ -47,7 +47,10 @@ def options(folder):
 
 
 class Recorded:
-    """A runner that walks a simulated robot by itself, its log in a folder; `alter` changes entries on their way."""
+    """A runner that walks a simulated robot by itself, its log in a folder.
+
+    `alter` changes entries on their way; None: the entry is lost.
+    """
 
     def __init__(self, folder, alter=lambda kind, entry: entry, **log):
         self.options = options(folder)
@@ -57,7 +60,12 @@ class Recorded:
         about = {"options": self.options.text(), **digests(self.made)}
         with LogWriter(folder, "runner", kinds(width(self.made.policy)), about, **log) as writer:
             write = writer.write
-            writer.write = lambda kind, time_s, entry: write(kind, time_s, self.alter(kind, entry))
+
+            def altered(kind, time_s, entry):
+                entry = self.alter(kind, entry)
+                return entry is not None and write(kind, time_s, entry)
+
+            writer.write = altered
             logged = RunnerLog(writer, lab.clock)
             sources = logged.source("pose", lab.poses), logged.source("tags", lab.tags)
             estimator = estimator_of(self.made, *sources)
@@ -128,6 +136,28 @@ def test_what_was_changed_comes_out_otherwise(needed, tmp_path, capsys):
     assert found.actions == found.actions_equal
     assert main(["deploy", "replay", str(tmp_path)]) == 2
     assert "comes out otherwise, first at" in capsys.readouterr().err
+
+
+def test_targets_that_the_runner_did_not_make_are_a_difference(needed, tmp_path, capsys):
+    Recorded(tmp_path, lambda kind, entry: None if kind == "targets" and entry["number"] == 30 else entry)
+    found = replay_log(tmp_path)
+    assert found.ticks == found.ticks_equal == TICKS - 2 and 0.5 <= found.first_difference_s <= 0.7
+    assert not found.same and main(["deploy", "replay", str(tmp_path)]) == 2
+
+
+def test_a_log_with_nothing_to_compare_is_no_success(needed, tmp_path):
+    Recorded(tmp_path, lambda kind, entry: entry if kind in ("pose", "tags") else None)
+    with pytest.raises(InputError, match="nothing that can be made again"):
+        replay_log(tmp_path)
+
+
+def test_what_is_torn_is_told(needed, tmp_path):
+    Recorded(tmp_path)
+    path = tmp_path / "runner-000000.log"
+    path.write_bytes(path.read_bytes()[:-100])
+    told = []
+    replay_log(tmp_path, told.append)
+    assert any("hold no whole entry" in text for text in told)
 
 
 def test_a_ring_gives_its_actions_again(needed, tmp_path):

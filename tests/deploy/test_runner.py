@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from hotice.deploy.clock import SimulatedClock
-from hotice.deploy.estimate import SeenPose, TrackingEstimator
+from hotice.deploy.estimate import TrackingEstimator
 from hotice.deploy.guard.config import GuardConfig
 from hotice.deploy.guard.guard import Guard
 from hotice.deploy.guard.modes import Mode, Request
-from hotice.deploy.messages.hg import JOINTS, LOW_STATE
 from hotice.deploy.runner import CarryPolicy, Estimate, RobotRunner
 from hotice.deploy.slot.records import STATUS
 from hotice.fields import build_hod_pf
-from hotice.model import builder, g1, load_scene
-from hotice.model.frames import quat_conj, quat_from_axis_angle, quat_from_yaw, quat_mul, quat_rotate
+from hotice.model import g1, load_scene
+from hotice.model.frames import quat_from_axis_angle, quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.robot_state import RobotState
 from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.policy import PerceptModel, open_policy, read_fields
 from hotice.policy.guidance import read_standing
+from tests.deploy.messages_fixture import state_of
 from tests.deploy.simulated_fixture import Lab
 from tests.deploy.simulated_fixture import carry as solved
 
@@ -41,16 +41,6 @@ def policy():
 def pf(policy, carry):
     task = CarryPolicy(policy, carry).task
     return build_hod_pf(load_scene("gap"), task.resolution_m, task.margin_m)
-
-
-def state_of(robot, yaw_of_imu=0.7):
-    """LowState of a robot, its IMU's heading off by `yaw_of_imu`."""
-    state = LOW_STATE.zeros()
-    state["imu_state"]["quaternion"] = quat_mul(quat_from_yaw(yaw_of_imu), robot.quat_WP)
-    state["imu_state"]["gyroscope"] = robot.w_WP_P
-    motors = state["motor_state"][JOINTS]
-    motors["q"], motors["dq"] = robot.joint_pos, robot.joint_vel
-    return state
 
 
 def a_robot(carry, rng):
@@ -170,6 +160,17 @@ def test_who_does_not_know_where_it_is_gives_no_targets_for_walking(policy, pf, 
     assert desk.tick(Mode.CARRY, robot) is None
 
 
+@pytest.mark.parametrize("mode", Mode)
+def test_a_dispute_is_told_and_ends_where_a_key_goes_on(policy, pf, carry, rng, mode):
+    """Before a carry too: localization that was set right on the gantry would refuse every carry otherwise."""
+    robot = a_robot(carry, rng)
+    desk = Desk(policy, pf, carry, robot)
+    desk.known.disputed = True
+    assert desk.tick(mode, robot)["pose_disputed"] == 1
+    ends = mode not in (Mode.PICK_UP, Mode.CARRY, Mode.LOWER)
+    assert desk.tick(mode, robot)["pose_disputed"] == (not ends)
+
+
 def test_a_policy_that_answers_nonsense_gives_no_targets(policy, pf, carry, rng):
     robot = a_robot(carry, rng)
     ours = CarryPolicy(policy, carry)
@@ -220,7 +221,7 @@ class Chain:
         self.slot = self.status = None
         self.wishes, self.events, self.count = set(), [], 0
         world = self.lab.world
-        estimator = TrackingEstimator(world.carry.carried, self._pelvis, self._box)
+        estimator = TrackingEstimator(world.carry.carried, self.lab.pelvis, self.lab.box)
         self.runner = RobotRunner(policy, pf, world.carry, estimator, lambda: self.status, self._put, self.lab.clock)
         self.runner.warm()
         self.guard = Guard(
@@ -258,15 +259,6 @@ class Chain:
     def _tell(self, status):
         self.status = status.copy()
 
-    def _pelvis(self, *_):
-        pelvis = self.lab.world.data.body(g1.ROOT_BODY)
-        return SeenPose(pelvis.xpos.copy(), pelvis.xquat.copy(), self.lab.clock.now())
-
-    def _box(self, *_):
-        pelvis, box = (self.lab.world.data.body(name) for name in (g1.ROOT_BODY, builder.OBJECT_BODY))
-        back = quat_conj(pelvis.xquat)
-        return SeenPose(quat_rotate(back, box.xpos - pelvis.xpos), quat_mul(back, box.xquat), self.lab.clock.now())
-
 
 @pytest.mark.slow
 def test_from_the_gantry_to_the_goal(policy, pf):
@@ -292,6 +284,6 @@ def test_from_the_gantry_to_the_goal(policy, pf):
     chain.go(2.0)
     place = chain.lab.world.data.body(g1.ROOT_BODY).xpos
     assert np.hypot(*(place[:2] - pf.scene.goal)) < 0.15 and place[2] > 0.6 and guard.mode is Mode.HOLD
-    assert chain._box().p[2] > 0.0 and guard.targets.refused == 0
+    assert chain.lab.box().p[2] > 0.0 and guard.targets.refused == 0
     chain.ask("stop")
     assert guard.mode is Mode.DAMPING

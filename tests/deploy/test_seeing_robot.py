@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hotice.deploy.command import LIMITS
-from hotice.deploy.estimate import SeenPose, TrackingEstimator
+from hotice.deploy.estimate import TrackingEstimator
 from hotice.deploy.guard.modes import Mode
 from hotice.deploy.log.writer import LogWriter
 from hotice.deploy.messages.hg import JOINTS
@@ -21,7 +21,6 @@ from hotice.deploy.seeing.live_view import MomentSender
 from hotice.deploy.seeing.moments import MOMENT
 from hotice.deploy.slot.records import STATUS
 from hotice.model import builder, g1
-from hotice.model.frames import quat_conj, quat_mul, quat_rotate
 from tests.deploy.seeing_fixture import OPTIONS, made
 from tests.deploy.simulated_fixture import Lab, command
 
@@ -45,7 +44,7 @@ class Watched:
                 made().policy,
                 made().pf,
                 made().carry,
-                TrackingEstimator(made().carry.carried, self._pelvis, self._box),
+                TrackingEstimator(made().carry.carried, self.lab.pelvis, self.lab.box),
                 logged.status_of(lambda: status if status["sequence"] else None),
                 logged.put_of(lambda t: targets.append(t.copy())),
                 logged,
@@ -71,15 +70,6 @@ class Watched:
                 status["received_s"], status["state"] = received.received_s, received.record
         ours.close()
         theirs.close()
-
-    def _pelvis(self, *_):
-        pelvis = self.lab.world.data.body(g1.ROOT_BODY)
-        return SeenPose(pelvis.xpos.copy(), pelvis.xquat.copy(), self.lab.clock.now())
-
-    def _box(self, *_):
-        pelvis, box = (self.lab.world.data.body(name) for name in (g1.ROOT_BODY, builder.OBJECT_BODY))
-        back = quat_conj(pelvis.xquat)
-        return SeenPose(quat_rotate(back, box.xpos - pelvis.xpos), quat_mul(back, box.xquat), self.lab.clock.now())
 
     def _draw(self, theirs, painter, tick):
         try:

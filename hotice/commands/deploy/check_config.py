@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from hotice import checks
-from hotice.checks import Range
 from hotice.commands.deploy.config import DeployConfig
+from hotice.deploy.checkup.watch import LONGEST
 from hotice.deploy.sources.udp import POSE_PORT, TAGS_PORT
-
-LONGEST = Range(least=1, most=600, unit="s")
 
 
 @dataclass(frozen=True, kw_only=True)

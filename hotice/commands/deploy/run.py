@@ -8,7 +8,6 @@ from contextlib import ExitStack
 
 from hotice.commands.deploy.child import Child
 from hotice.commands.deploy.config import DeployConfig, fitting_scene
-from hotice.commands.deploy.terminal import Terminal
 from hotice.commands.deploy.view import View
 from hotice.commands.signals import stopped_by_signals
 from hotice.console import PlainConsole
@@ -16,6 +15,7 @@ from hotice.deploy.guard.modes import Mode
 from hotice.deploy.programs.options import GuardOptions, RunnerOptions
 from hotice.deploy.recording.place import RING_S, ring_folder
 from hotice.deploy.slot.watch import SlotWatch
+from hotice.deploy.terminal import Terminal
 from hotice.errors import HoticeError
 
 PERIOD_S = 0.1

@@ -13,6 +13,7 @@ from hotice.console import PlainConsole
 from hotice.deploy.guard.keyboard import KEYS as LETTERS
 from hotice.deploy.guard.keys import KEYS as BUTTONS
 from hotice.deploy.guard.modes import Mode, wished
+from hotice.deploy.messages.remote import KEYS as PAD
 
 SHOWN_EVENTS = 6
 STOP_TEXT = "any other key, L2+B or select: stop"
@@ -23,7 +24,7 @@ def keys_on(mode: Mode) -> str:
     found = []
     for letter, request in LETTERS.items():
         if wished(mode, request) is not mode:
-            buttons = next("+".join(sorted(keys, key=len)[::-1]) for keys, wish in BUTTONS if wish is request)
+            buttons = next("+".join(sorted(keys, key=PAD.index)) for keys, wish in BUTTONS if wish is request)
             found.append(f"{letter} {request.value} ({buttons})")
     return ", ".join([*found, *((STOP_TEXT,) if mode not in (Mode.OFF, Mode.DAMPING) else ())])
 

@@ -19,6 +19,7 @@ from hotice.deploy.messages.hg import ABSENT, JOINTS, MACHINES, PITCH_ROLL
 from hotice.model import g1
 from hotice.model.frames import normalize, quat_to_mat
 from hotice.model.source import MapSource
+from hotice.safety.limits import MeasurementLimits
 
 Array = NDArray[np.float64]
 STATE_HZ = 450.0
@@ -31,8 +32,8 @@ STILL_RAD_S, STATES_MEANT = 0.1, 50
 """Largest rate of a robot that is held still, in the mean of so many states: a gyro is noisy."""
 UPRIGHT_RAD = math.radians(20.0)
 """Largest lean of one that hangs or stands."""
-BEYOND_RAD = 0.1
-"""How far a joint may be measured beyond its range, as in `hotice.safety.MeasurementLimits`."""
+BEYOND_RAD = MeasurementLimits().joint_margin_rad
+"""How far a joint may be measured beyond its range."""
 TIMER_MS = 10.0
 """Largest lateness of the timer; a guard's command may then be as late."""
 MAP_TILT_RAD, FLOOR_M = math.radians(2.0), 0.03
@@ -91,7 +92,9 @@ def _of_newest(observed: Observed) -> Iterator[Row]:
         f"{BEYOND_RAD:g} rad at most",
         bool(beyond[worst] <= BEYOND_RAD),
     )
-    wrong = [f"{g1.ALL_JOINTS[i]} {int(motors['motorstate'][i]):#x}" for i in np.flatnonzero(motors["motorstate"])]
+    # one that comes and goes is an error too
+    errors = np.bitwise_or.reduce([each["motor_state"]["motorstate"][JOINTS] for each in observed.states])
+    wrong = [f"{g1.ALL_JOINTS[i]} {int(errors[i]):#x}" for i in np.flatnonzero(errors)]
     yield Row("motors' errors", ", ".join(wrong) or "none", "none", not wrong)
     casing, winding = motors["temperature"].max(axis=0).tolist()
     yield Row(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -46,11 +47,21 @@ def servo(
     at_stop = ((q > inside) & (q_measured >= LIMITS.upper)) | ((q < inside) & (q_measured <= LIMITS.lower))
     ahead = np.where(at_stop, tau.astype(np.float32), ahead)
     kp, kd = np.float32(gain) * _KP, np.float32(gain) * _KD
-    asked = ahead + kp * (inside - q_measured) - kd * dq_measured
-    share = np.minimum(1.0, LIMITS.torque / np.maximum(np.abs(asked), 1e-6)).astype(np.float32)
+    share = _share(ahead + kp * (inside - q_measured) - kd * dq_measured)
     return CheckedCommand(
         q=inside, dq=_ZERO, tau=share * ahead, kp=share * kp, kd=share * kd, enabled=enabled_motors(machine)
     )
+
+
+def within_torque(command: CheckedCommand, q_measured: np.ndarray, dq_measured: np.ndarray) -> CheckedCommand:
+    """A command that is sent again at other positions (29,) [rad] and speeds (29,) [rad/s], shrunk as `servo` does."""
+    share = _share(command.motor_torques(q_measured, dq_measured))
+    return replace(command, tau=share * command.tau, kp=share * command.kp, kd=share * command.kd)
+
+
+def _share(asked: np.ndarray) -> np.ndarray:
+    """Share of torques (29,) [N m] that the motors have, at most 1."""
+    return np.minimum(1.0, LIMITS.torque / np.maximum(np.abs(asked), 1e-6)).astype(np.float32)
 
 
 def damping(machine: int, squeeze: CheckedCommand | None = None) -> CheckedCommand:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from hotice.deploy.guard.commands import damping
 from hotice.deploy.guard.config import GuardConfig
 from hotice.deploy.guard.decide import decide, needs_runner
 from hotice.deploy.guard.entry import against_damping, against_driving, against_posture
-from hotice.deploy.guard.faults import Cause, Finding
+from hotice.deploy.guard.faults import Cause, Finding, Reaction
 from hotice.deploy.guard.judge import Judge
 from hotice.deploy.guard.keys import Gamepad
 from hotice.deploy.guard.measured import Measured
@@ -25,6 +25,7 @@ from hotice.deploy.link.protocol import Link, LinkError, ReceivedState
 from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.slot.records import STATUS
 
+T = TypeVar("T")
 AWAY_S = 1.0
 """A fault that was away for longer is told again [s]."""
 
@@ -79,14 +80,15 @@ class Guard:
     def tick(self) -> CheckedCommand | None:
         """Reads, decides and sends; what was sent, None in OFF and where the link cannot send."""
         now_s = self._clock.now()
-        received, counts = self._link.state(), self._link.counts()
+        unread: list[Finding] = []
+        received, counts = self._heard(self._link.state, unread), self._link.counts()
         foreign, self._foreign = counts.foreign_commands - self._foreign, counts.foreign_commands
         if foreign:
             self._others_s = now_s
         self.measured.take(received, counts)
         wishes = {*self._wishes(), *self._keys(received, now_s)}
         self.targets.take(self._motor("q") if self.mode in DRIVEN else None, now_s)
-        charge = self._charge()
+        charge = self._heard(self._charge, unread)
         found = self._judge.findings(
             self.measured,
             self.targets,
@@ -96,6 +98,7 @@ class Guard:
             foreign=foreign,
             driven=needs_runner(self.mode),
         )
+        found += unread
         self._tell_faults(found, now_s)
         self._decide(found, wishes, charge, now_s)
         sent = None if self.mode is Mode.OFF else self._send(now_s)
@@ -163,8 +166,17 @@ class Guard:
         self._link_fails = False
         return command
 
+    @staticmethod
+    def _heard(read: Callable[[], T | None], unread: list[Finding]) -> T | None:
+        # what cannot be read has not come: the state ages, for which the motors brake, and go on braking
+        try:
+            return read()
+        except LinkError as error:
+            unread.append(Finding(Cause.LINK, Reaction.WARN, "{}", str(error)))
+            return None
+
     def _keys(self, received: ReceivedState | None, now_s: float) -> frozenset[Request]:
-        # the stop key counts in every state whose checksum is right
+        # the stop key counts in every state that opens, one that is refused for its angles too
         if received is None or received.sequence == self._seen:
             return frozenset()
         self._seen = received.sequence

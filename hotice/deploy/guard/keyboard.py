@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import select
-import sys
-import termios
-import tty
 from collections.abc import Iterable
 
 from hotice.deploy.guard.modes import Request
+from hotice.deploy.terminal import Terminal
 
 KEYS = {
     "s": Request.START,
@@ -22,30 +18,26 @@ KEYS = {
 
 
 class Keyboard:
-    """Keys of a terminal, each as it is pressed; of a pipe, each character but line ends. Use `with`."""
+    """Keys of a `Terminal`, each as it is pressed; of a pipe, each character but line ends. Use `with`."""
 
     def __init__(self, descriptor: int | None = None) -> None:
-        self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
-        self._before: list | None = None
-        self.ended = False
+        """See `Terminal`."""
+        self._terminal = Terminal(descriptor)
+
+    @property
+    def ended(self) -> bool:
         """Whether a pipe's other end is closed: nobody is there any more."""
+        return self._terminal.ended
 
     def __enter__(self) -> Keyboard:
-        if os.isatty(self._descriptor):
-            self._before = termios.tcgetattr(self._descriptor)
-            tty.setcbreak(self._descriptor)
+        self._terminal.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._before is not None:
-            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+        self._terminal.__exit__()
 
     def __call__(self) -> Iterable[Request]:
         """Wishes since the last call, without waiting."""
-        if self.ended or not select.select([self._descriptor], [], [], 0.0)[0]:
-            return ()
-        typed = os.read(self._descriptor, 64)
-        self.ended = not typed
-        at_terminal = self._before is not None
-        keys = [chr(byte) for byte in typed if at_terminal or byte not in b"\r\n"]
+        typed = self._terminal.typed()
+        keys = [chr(byte) for byte in typed if self._terminal.there or byte not in b"\r\n"]
         return {KEYS.get(key, Request.STOP) for key in keys}

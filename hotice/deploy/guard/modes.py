@@ -33,15 +33,15 @@ SQUEEZING = (Mode.READY, *DRIVEN)
 
 
 class Request(Enum):
-    """Wishes of the operator."""
+    """Wishes of the operator. Of several at once that lead on, the first in this order counts: the calmest."""
 
     STOP = "stop"
+    HOLD = "hold"
+    LOWER = "lower"
     START = "start"
     POSTURE = "posture"
     PICK_UP = "pick-up"
     CARRY = "carry"
-    HOLD = "hold"
-    LOWER = "lower"
 
 
 NEXT: dict[tuple[Mode, Request], Mode] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hotice.deploy.command import CheckedCommand
-from hotice.deploy.guard.commands import JOINTS, damping, servo, smooth, towards
+from hotice.deploy.guard.commands import JOINTS, damping, servo, smooth, towards, within_torque
 from hotice.deploy.guard.config import GuardConfig
 from hotice.deploy.guard.modes import SQUEEZING, Mode
 from hotice.deploy.guard.targets import STEP_S, Targets
@@ -47,7 +47,8 @@ class Motion:
             since_s: how long the mode has lasted [s]; now_s: on the clock of the targets' stamps [s]
         """
         if mode is Mode.DAMPING:
-            made = damping(machine, self._squeeze if since_s < self._config.squeeze_s else None)
+            squeeze = self._squeeze if since_s < self._config.squeeze_s else None
+            made = damping(machine, None if squeeze is None else within_torque(squeeze, q, dq))
         elif mode is Mode.POSTURE:
             share = smooth(since_s / self._config.posture_s)
             gain = self._config.first_gain + (1.0 - self._config.first_gain) * share

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import signal
 from collections.abc import Callable, Iterable
@@ -86,7 +87,8 @@ def run_guard(
         return seen
     finally:
         if not ended_well and guard.mode is not Mode.OFF:
-            last_words(link, clock, guard.config.rate_hz)
+            newest = guard.measured.newest
+            last_words(link, 0 if newest is None else newest.mode_machine, clock, guard.config.rate_hz)
         for number, handler in before.items():
             signal.signal(number, handler)
         if first:
@@ -94,14 +96,10 @@ def run_guard(
         gc.unfreeze()
 
 
-def last_words(link: Link, clock: Clock, rate_hz: float) -> None:
-    """Damping for `LEAVE_S`, whatever state the guard is in; a link that cannot send ends it."""
-    end_s = clock.now() + LEAVE_S
+def last_words(link: Link, machine: int, clock: Clock, rate_hz: float) -> None:
+    """Damping for `LEAVE_S`, whatever state guard and link are in: reads nothing, goes on after one that fails."""
+    command, end_s = damping(machine), clock.now() + LEAVE_S
     while clock.now() < end_s:
-        try:
-            state = link.state()
-            if state is not None:
-                link.publish(damping(state.mode_machine))
-        except LinkError:
-            return
+        with contextlib.suppress(LinkError):
+            link.publish(command)
         clock.sleep(1.0 / rate_hz)

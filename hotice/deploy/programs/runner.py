@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import os
 import signal
 import sys
 from typing import Any
@@ -28,8 +29,8 @@ TOLD_TICKS = 25
 
 
 def main(options: RunnerOptions) -> None:
-    """Runs until a signal. Raises `HoticeError`."""
-    clock, say, stopped = MonotonicClock(), Saying(), []
+    """Runs until a signal, or until the program that started it is gone. Raises `HoticeError`."""
+    clock, say, stopped, started_by = MonotonicClock(), Saying(), [], os.getppid()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.append(1))
     with contextlib.ExitStack() as stack:
@@ -75,7 +76,8 @@ def main(options: RunnerOptions) -> None:
             if lateness.ticks % TOLD_TICKS == 0:
                 say(**report(lateness, log), **_known(runner))
 
-        run_loop(tick, clock, 1.0 / runner.period_s, lambda: not stopped, lateness)
+        # the guard brakes then, and this one would keep the ports of its sources
+        run_loop(tick, clock, 1.0 / runner.period_s, lambda: not stopped and os.getppid() == started_by, lateness)
         say(lateness=str(lateness))
 
 

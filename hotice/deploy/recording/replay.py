@@ -39,16 +39,24 @@ class Replayed:
     ticks_equal: int
     """Targets that were made again, bit for bit."""
     first_difference_s: float | None
-    """Time of the first that were not, on the runner's clock [s]."""
+    """Time of the first that were not, or that the runner did not make, on the runner's clock [s]."""
+
+    @property
+    def same(self) -> bool:
+        """Whether everything that was tried came out again."""
+        equal = (self.actions_equal, self.ticks_equal) == (self.actions, self.ticks)
+        return equal and self.first_difference_s is None
 
 
 def replay_log(folder: str | Path, say: Callable[[str], None] = lambda text: None) -> Replayed:
     """Does again what a runner did. `say` is told what goes on.
 
     Raises:
-        HoticeError: no such log, or its policy, scene or version is another one now
+        HoticeError: no such log, one with nothing to compare, or its policy, scene or version is another one now
     """
     log = read_log(folder, NAME)
+    if log.torn_bytes:
+        say(f"{log.torn_bytes} bytes of the log hold no whole entry and are left out: torn at its end, or damaged")
     options, made = prepared_again(log, folder, say)
     observations, actions = (log.entries[kind].records["values"] for kind in ("observation", "action"))
     limit = PolicyTask.from_meta(made.policy.meta, made.policy.name).action_limit
@@ -57,6 +65,10 @@ def replay_log(folder: str | Path, say: Callable[[str], None] = lambda text: Non
         raw = made.policy.run(observation[None])[0].astype(float)
         equal += next_action(raw, limit).tobytes() == action.tobytes()
     ticks, same, when = (0, 0, None) if log.first_segment else _ticks(log, options, made)
+    if not len(actions) and not ticks and when is None:
+        raise InputError(
+            f"{folder}: the log has nothing that can be made again: no actions, and no targets from its start"
+        )
     return Replayed(actions=len(actions), actions_equal=equal, ticks=ticks, ticks_equal=same, first_difference_s=when)
 
 

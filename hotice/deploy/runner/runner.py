@@ -103,6 +103,9 @@ class RobotRunner:
         mode = Mode(int(status["mode"]))
         estimate = self._estimator.update(status["state"], began_s) if status["sequence"] else None
         self.estimate = estimate
+        if mode is Mode.HOLD or mode not in DRIVEN:
+            # who stands or hangs is seen by the operator, whose key goes on
+            self._estimator.settle()
         q = self._moving(mode, estimate) if mode in DRIVEN else self._resting()
         if q is None:
             return
@@ -125,9 +128,6 @@ class RobotRunner:
     def _moving(self, mode: Mode, estimate: Estimate | None) -> Array | None:
         if estimate is None:
             return None
-        if mode is Mode.HOLD:
-            # who stands has been seen by the operator, whose key goes on
-            self._estimator.settle()
         reading = read_fields(self._pf, estimate.percept, self.policy.task)
         if mode is Mode.CARRY:
             there = arrived(float(reading.goal_distance[0]))
