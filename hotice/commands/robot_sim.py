@@ -7,7 +7,6 @@ import math
 
 from rich.table import Table
 
-from hotice.commands.deploy.terminal import Terminal
 from hotice.commands.robot_sim_config import RobotSimConfig
 from hotice.commands.signals import stopped_by_signals
 from hotice.console import PlainConsole

@@ -13,7 +13,6 @@ from hotice.deploy.guard.keyboard import Keyboard
 from hotice.deploy.guard.keys import KEYS, Gamepad
 from hotice.deploy.guard.modes import Mode, Request
 from hotice.deploy.messages.remote import Sticks, encode_remote
-from hotice.deploy.simulated.keys import pressed
 from hotice.deploy.terminal import Terminal
 from tests.deploy.guard_fixture import Bench, bench_in
 
@@ -108,10 +107,6 @@ def test_a_program_without_input_has_nothing_typed(monkeypatch):
         monkeypatch.setattr(sys, "stdin", stdin)
         with Terminal() as terminal:
             assert terminal.typed() == b"" and terminal.ended and not terminal.there
-
-
-def test_letters_of_a_simulated_robots_terminal():
-    assert pressed(b"sz b\xff") == [("start",), ("select",), ("L2", "B")]
 
 
 def test_a_terminal_gives_each_key_at_once_and_is_put_back():

@@ -64,7 +64,7 @@ def test_what_is_too_late_slips():
 
 
 def test_letters_of_the_terminal_are_keys_of_the_gamepad():
-    assert pressed_by(b"sx\xff ") == [("start",), ("select",)]
+    assert pressed_by(b"sx\xff b") == [("start",), ("select",), ("L2", "B")]
     assert {key for keys in KEYS.values() for key in keys} <= set(REMOTE_KEYS)
 
 
