@@ -62,24 +62,23 @@ class FieldReading(NamedVector):
 def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
     """Fields at the keypoints of a percept, and the command that they make."""
     # the environment samples in single precision
-    points = percept.p_WK.astype(np.float32)
-    around = points[:NUM_SGF]
-    if task.scan:
-        looked_at = scan_points(percept.p_WK[_FEET], percept.p_WP, percept.yaw[0])
-        # one query for both costs less than two
-        around = np.concatenate([around, looked_at.astype(np.float32)])
-    carried = np.concatenate([points[NUM_SGF:], percept.p_WOK.astype(np.float32)])
+    p_WK, p_WP, yaw = percept.p_WK, percept.p_WP, percept.yaw[0]
+    # one query for both costs less than two
+    around = (p_WK[:NUM_SGF], scan_points(p_WK.take(_FEET, 0), p_WP, yaw)) if task.scan else (p_WK[:NUM_SGF],)
+    around = np.concatenate(around, dtype=np.float32, casting="same_kind")
+    carried = np.concatenate((p_WK[NUM_SGF:], percept.p_WOK), dtype=np.float32, casting="same_kind")
     sgf, sgf_distance, _ = pf.sgf.query(around)
     ogf, ogf_distance, _ = (pf.ogf if task.object_field == "ogf" else pf.sgf).query(carried)
-    offset_W = pf.scene.goal_W[:2] - percept.p_WP[:2]
+    offset_W = pf.scene.goal - p_WP[:2]
     c_W, speed = navigation_command(
-        sgf[_STEERED].astype(np.float64), offset_W, pf.params.attraction, task.speed_m_s, task.stop_gain_hz
+        sgf.take(_STEERED, 0).astype(np.float64), offset_W, pf.params.attraction, task.speed_m_s, task.stop_gain_hz
     )
     reading = FieldReading(np.empty(FieldReading.SIZE))
-    reading.force_W[:NUM_SGF], reading.force_W[NUM_SGF:] = sgf[:NUM_SGF], ogf
-    reading.distance[:NUM_SGF], reading.distance[NUM_SGF:] = sgf_distance[:NUM_SGF], ogf_distance
+    force_W, distance = reading.force_W, reading.distance
+    force_W[:NUM_SGF], force_W[NUM_SGF:] = sgf[:NUM_SGF], ogf
+    distance[:NUM_SGF], distance[NUM_SGF:] = sgf_distance[:NUM_SGF], ogf_distance
     reading.c_W[:], reading.speed[0] = c_W, speed
-    reading.heading_error[0] = heading_error(c_W, speed, float(percept.yaw[0]), task.speed_m_s)
+    reading.heading_error[0] = heading_error(c_W, speed, float(yaw), task.speed_m_s)
     reading.goal_distance[0] = math.hypot(*offset_W.tolist())
     reading.scan[:] = sgf_distance[NUM_SGF:] if task.scan else 0.0
     return reading
