@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.fields.command import heading_error, navigation_command
-from hotice.fields.defaults import ETA
 from hotice.fields.hod_pf import HodPf
 from hotice.model import g1
 from hotice.policy.percept import NUM_POINTS, NUM_SGF, Percept
@@ -84,19 +83,21 @@ def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
     return reading
 
 
-def read_standing(reading: FieldReading, percept: Percept, place_W: Array, task: PolicyTask) -> FieldReading:
+def read_standing(
+    reading: FieldReading, percept: Percept, place_W: Array, task: PolicyTask, attraction: float
+) -> FieldReading:
     """The reading of a robot whose goal is where it stands: how a policy that only knows goals is told to stop.
 
     With a command of zero alone it follows the fields on to their goal, and without fields, which it never saw, it
     falls; so the fields lead to `place_W` (3,) [m], at the height of goals, over a free floor. Distances to obstacles
-    stay; what is not finite of them counts as far.
+    stay; what is not finite of them counts as far. `attraction`: eta of the fields that the robot walks by [m/s].
     """
     points = np.concatenate([percept.p_WK, percept.p_WOK])
     to_place = place_W - points
     apart = np.maximum(np.linalg.norm(to_place, axis=1, keepdims=True), 1e-6)
     offset_W = place_W[:2] - percept.p_WP[:2]
-    force_W = ETA * to_place / apart
-    c_W, speed = navigation_command(force_W[_STEERED], offset_W, ETA, task.speed_m_s, task.stop_gain_hz)
+    force_W = attraction * to_place / apart
+    c_W, speed = navigation_command(force_W[_STEERED], offset_W, attraction, task.speed_m_s, task.stop_gain_hz)
     return FieldReading.of(
         force_W=force_W,
         distance=np.where(np.isfinite(reading.distance), reading.distance, FAR_M),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from hotice.fields.defaults import ETA
 from hotice.model.carry import CarryState
 from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.policy import PolicySession, PolicyTask
@@ -53,20 +54,26 @@ class PolicySystem(LeafSystem):
         latency_s: delay of the motors, from an action to its arrival there, at most the control period (the delay
             model is in `hotice.task.sensing`).
         phase_rad: step clock of the left leg at the start, 0 or pi.
+        attraction: eta of the fields that `guidance` comes from [m/s], to which it also stands.
 
     Raises:
         CheckpointError: the policy reads another observation.
     """
 
     def __init__(
-        self, policy: PolicySession, carry: CarryState, latency_s: float = 0.0, phase_rad: float = 0.0
+        self,
+        policy: PolicySession,
+        carry: CarryState,
+        latency_s: float = 0.0,
+        phase_rad: float = 0.0,
+        attraction: float = ETA,
     ) -> None:
         super().__init__()
         self.policy = policy
         self.task = PolicyTask.from_meta(policy.meta, policy.name)
         check_layout(policy.name, policy.layout, layout_of(self.task))
         self._carrying, self._target = Carrying.of(carry), np.asarray(carry.joint_target, dtype=float)
-        self._scale, self._latency = self.task.action_scale, latency_s
+        self._scale, self._latency, self._attraction = self.task.action_scale, latency_s, attraction
         self._phase_step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
         past = np.zeros(self.task.history * history.FRAME)
         self._rest = (self._target, np.concatenate([np.zeros(NUM_JOINTS), self._target, [phase_rad, -1.0], past]))
@@ -108,7 +115,7 @@ class PolicySystem(LeafSystem):
 
     def _standing(self, percept: Percept, reading: FieldReading, place: Array) -> FieldReading:
         place = self._here(percept) if math.isnan(place[0]) else place
-        return read_standing(reading, percept, place, self.task)
+        return read_standing(reading, percept, place, self.task, self._attraction)
 
     def _has_to_stand(self, context: Context, reading: FieldReading) -> bool:
         told = self._answer.HasValue(context) and int(self._answer.Eval(context)[0]) == Answer.STOP_WALKING
