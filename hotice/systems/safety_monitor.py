@@ -219,9 +219,10 @@ def held_torque(state: Array, posture: SafePosture, torque: Array, q: Array) -> 
 
 
 def damping_torque(state: Array, posture: SafePosture) -> Array:
-    """Torques (20,) that only damp, none where a joint's speed is unknown; for plants without dampers.
+    """Torques (20,) that only damp, none where a joint's speed is unknown; for motors that cannot damp by themselves.
 
-    By the trained damping: more of it shakes light joints where torques are held for a time step.
+    By the trained damping: more of it shakes light joints where torques are held for a time step. Plants of a station
+    damp by themselves, and do not follow it.
     """
     qd = state[JOINT_VEL]
     return np.clip(-posture.kd * np.where(np.isfinite(qd), qd, 0.0), -posture.limit, posture.limit)
