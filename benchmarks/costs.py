@@ -21,10 +21,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, replace
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from benchmarks.arguments import a_count, a_seed
+from hotice.console import PlainConsole
 from hotice.errors import HoticeError, UnknownName
 from hotice.evaluate import Conditions, EvaluateConfig, Trials
 from hotice.evaluate.scorer import Scorer, score_block
@@ -32,6 +32,7 @@ from hotice.evaluate.seeds import TrialSeeds
 from hotice.files import write_text
 from hotice.learn.policy import load_policy
 from hotice.model.dynamics import FRICTIONS, PAPER_DYNAMICS, ROBOT_DYNAMICS, ROBOT_NOMINAL, DynamicsConfig
+from hotice.progress import counted
 from hotice.sim.physics.threads import one_thread
 from hotice.task.perturbations import SOURCES
 from hotice.task.protocols import PROTOCOLS
@@ -97,7 +98,7 @@ def measure(
     results: dict[str, dict[str, float]] = {}
     base = None
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        for name in track(names, "variants", console=Console(stderr=True)):
+        for name in counted(names, "variants", len(names)):
             trials = Trials.joined(pool.map(score, [(config, name, scene) for scene in range(scenes)]))
             base = trials if base is None else base
             results[name] = compared(base, trials)
@@ -110,10 +111,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--policy", default="student")
     parser.add_argument("--scenes", nargs="+", default=["bench20"])
-    parser.add_argument("--rollouts", type=int, default=20, help="trials a scene")
+    parser.add_argument("--rollouts", type=a_count, default=20, help="trials a scene")
     parser.add_argument("--shape", default="box", help="of the carried objects")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--seed", type=a_seed, default=0)
+    parser.add_argument("--processes", type=a_count, default=1)
     parser.add_argument("--only", nargs="+", default=[], help="variants whose name contains one of these")
     parser.add_argument("--out", type=Path, help="results as JSON")
     args = parser.parse_args(arguments)
@@ -139,7 +140,7 @@ def main(arguments: list[str] | None = None) -> int:
     for name, r in results.items():
         gain = "" if name == BASE else f"{100 * r['gain']:+.1f} ± {196 * r['error']:.1f}"
         table.add_row(name, f"{r['success']:.1%}", gain, str(r["won"]), str(r["lost"]), f"{r['distance_m']:.3f}")
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    PlainConsole(width=None if sys.stdout.isatty() else 120).print(table)
     return 0
 
 

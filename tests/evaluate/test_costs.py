@@ -2,9 +2,11 @@
 
 import json
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
+from benchmarks import costs
 from benchmarks.costs import BASE, compared, main, variants
 from hotice.evaluate.trials import Trials
 from hotice.model.dynamics import ROBOT_DYNAMICS, DynamicsConfig
@@ -47,6 +49,19 @@ def test_every_variant_differs_from_the_base_in_what_it_says():
 def test_unknown_names_are_refused(capsys):
     assert main(["--scenes", "open_floor", "--only", "wind"]) == 2
     assert "wind" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("count", ["0", "-1", "1.5", "many", "9" * 400])
+def test_counts_that_are_none_are_refused_by_every_benchmark(count, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["--processes", count])
+    assert capsys.readouterr().err.splitlines()[-1].endswith(": a whole number of at least 1 is needed")
+
+
+def test_benchmarks_take_whole_numbers_by_shared_types():
+    sources = [path.read_text() for path in Path(costs.__file__).parent.glob("*.py")]
+    assert sum("type=a_count" in source for source in sources) > 10
+    assert not [source for source in sources if "type=int" in source]
 
 
 @pytest.mark.slow
