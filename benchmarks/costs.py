@@ -2,8 +2,9 @@
 
     python -m benchmarks.costs --policy student --scenes bench20 --rollouts 20 [--only physics gain] [--out costs.json]
 
-Base: protocol `robot`, perturbed. A line switches one source off (`--without` of `hotice evaluate`), or sets one
-parameter of the dynamics to the middle of its range, or takes one part of the protocol from `paper`. Robots, starts
+Base: protocol `robot`, perturbed. A line switches one source off (`--without` of `hotice evaluate`), makes one
+part of what is sensed exact, sets one parameter of the dynamics to the middle of its range, or takes one part of the
+protocol from `paper`. Robots, starts
 and objects stay the same trial by trial, so the difference is paired: gain ± 1.96 standard errors of it, won: trials
 lost before, lost: trials won before. Noise and pushes of a block are drawn for all its trials at once, so they repeat
 as long as the same trials run. Exact referee only.
@@ -18,8 +19,9 @@ import multiprocessing
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 
@@ -34,10 +36,32 @@ from hotice.learn.policy import load_policy
 from hotice.model.dynamics import FRICTIONS, PAPER_DYNAMICS, ROBOT_DYNAMICS, ROBOT_NOMINAL, DynamicsConfig
 from hotice.progress import counted
 from hotice.sim.physics.threads import one_thread
+from hotice.task.config import TaskConfig
 from hotice.task.perturbations import SOURCES
 from hotice.task.protocols import PROTOCOLS
+from hotice.task.sensing import SensingConfig
 
 BASE = "all perturbations"
+SENSES: Mapping[str, tuple[str, ...]] = {
+    "root's place": ("root_pos_m",),
+    "root's heading": ("root_yaw_rad",),
+    "root": ("root_pos_m", "root_yaw_rad", "root_hz", "root_tracking"),
+    "joints": ("joint_pos_rad", "joint_vel_rad_s"),
+    "tilt": ("gravity", "gyro_rad_s"),
+}
+"""Parts of what is sensed that a line makes exact: fields of `SensingConfig`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sharper(Conditions):
+    """Conditions in which fields of `SensingConfig` are exact."""
+
+    exact: tuple[str, ...]
+
+    def task(self, trained: dict[str, Any]) -> TaskConfig:
+        """See `Conditions.task`."""
+        task, exact = super().task(trained), SensingConfig()
+        return replace(task, sensing=replace(task.sensing, **{name: getattr(exact, name) for name in self.exact}))
 
 
 def variants() -> Mapping[str, Conditions]:
@@ -57,6 +81,7 @@ def variants() -> Mapping[str, Conditions]:
     for name in ("palm_friction", "sole_friction", "torso_com_m"):
         changed = replace(ROBOT_DYNAMICS, **{name: getattr(PAPER_DYNAMICS, name)})
         out[f"paper's {name}"] = own(dynamics=changed)
+    out |= {f"sensing.{name} exact": Sharper(exact=names) for name, names in SENSES.items()}
     palms = replace(ROBOT_DYNAMICS, palm_friction=PAPER_DYNAMICS.palm_friction)
     coarse = {"physics_dt_s": paper.physics_dt_s, "elliptic": paper.elliptic}
     return out | {"paper's physics, and its palms": own(**coarse, dynamics=palms)}

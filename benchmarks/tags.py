@@ -151,7 +151,9 @@ def wrong_pictures(rng: np.random.Generator, trials: int) -> dict[str, int]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", type=a_count, default=200, help="of each case (720p: half), at least one of each box")
+    parser.add_argument(
+        "--pictures", type=a_count, default=200, help="of each case (720p: half), at least one of each box"
+    )
     parser.add_argument("--flips", type=a_count, default=10_000, help="poses of each case")
     parser.add_argument("--wrong", type=a_count, default=50, help="wrong pictures of each kind")
     parser.add_argument("--seed", type=a_seed, default=0)

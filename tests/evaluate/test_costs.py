@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 from benchmarks import costs
-from benchmarks.costs import BASE, compared, main, variants
+from benchmarks.costs import BASE, SENSES, compared, main, variants
 from hotice.evaluate.trials import Trials
 from hotice.model.dynamics import ROBOT_DYNAMICS, DynamicsConfig
 from hotice.task.perturbations import SOURCES
+from hotice.task.sensing import STUDENT_SENSING
 
 
 def trials(text):
@@ -42,6 +43,11 @@ def test_every_variant_differs_from_the_base_in_what_it_says():
             assert changed == [field]
     assert {f"without {s}" for s in SOURCES} <= known.keys()
     assert {f"dynamics.{f.name} nominal" for f in fields(DynamicsConfig)} <= known.keys()
+    for name, sharp in SENSES.items():
+        sensing = known[f"sensing.{name} exact"].task({}).sensing
+        assert {f.name for f in fields(sensing) if getattr(sensing, f.name) != getattr(STUDENT_SENSING, f.name)} == set(
+            sharp
+        )
     coarse = known["paper's physics, and its palms"].task({})
     assert (coarse.physics_dt_s, coarse.dynamics.palm_friction) == (0.005, (2.0, 2.0))
 
