@@ -1,19 +1,22 @@
 """Success of the whole deployment in lock step: guard, runner, estimator and simulated robot over the link in memory.
 
     python -m benchmarks.deploy [--scenes bench20] [--rollouts 1] [--seed 0] [--policy student] [--noise trained]
-        [--delays trained] [--dynamics drawn] [--json out.json]
+        [--delays trained] [--dynamics drawn] [--from-cloud] [--json out.json]
 
 Each trial begins as those of `hotice evaluate`: the robot stands in the carry state, the box between its hands. Its
 own controller holds it so until the guard is ready, and lets go as the guard enters carry; from there every state,
 pose, tag, target and command goes the way that it goes on a robot, on a simulated clock, by the real time's rates.
 Success: `hotice.task.rules`, with contacts judged by MuJoCo in every physics step, the referee `exact`, within
-`HORIZON_S`. Unlike there the box is the same in all trials, its pose comes from tags, and nobody pushes.
+`HORIZON_S`. With `--from-cloud` the runner knows the scene only as a FAST-LIO-like cloud of it, imported without
+options, and localization speaks in that cloud's frame; each scene is mapped `MAPS` times, with a ceiling and without.
+Unlike there the box is the same in all trials, its pose comes from tags, and nobody pushes.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterable
@@ -30,12 +33,14 @@ from hotice.deploy.link.protocol import LinkCounts, ReceivedState
 from hotice.deploy.programs.prepare import Prepared, estimator_of
 from hotice.deploy.runner import RobotRunner
 from hotice.deploy.simulated import LivingClock, SimulatedRobot, SimulatedRobotConfig
+from hotice.deploy.simulated.lidar_map import LidarScan, pcd_of, scan
 from hotice.deploy.sources import MemorySource, PoseSample, TagSample
 from hotice.errors import SimulationError
 from hotice.evaluate.trials import success_interval
 from hotice.fields import build_hod_pf
 from hotice.files import write_text
-from hotice.model import Box, solve_carry
+from hotice.model import Box, Scene, solve_carry
+from hotice.model.importers import ImportOptions, import_scene
 from hotice.model.shipped import resolve_scenes
 from hotice.policy import PolicyTask, open_policy
 from hotice.task.rules import PRECEDENCE, arrived
@@ -44,6 +49,7 @@ STEP_S, TICK_STEPS = 0.002, 10
 HORIZON_S = 5.0
 STAY_S = 1.0
 """Whether a robot stays at the goal is seen so long after its arrival."""
+MAPS, CEILING_M = 4, 2.4
 BOX = (0.3, 0.3, 0.25, 1.5)
 WISHES = {Mode.OFF: Request.START, Mode.DAMPING: Request.POSTURE}
 
@@ -88,12 +94,12 @@ class Outcome:
 class Trial:
     """One robot in lock step with its guard and its runner."""
 
-    def __init__(self, made: Prepared, config: SimulatedRobotConfig) -> None:
+    def __init__(self, made: Prepared, config: SimulatedRobotConfig, scene: Scene) -> None:
         self.clock = LivingClock()
         bus = MemoryBus(self.clock)
         self.link = Withheld(bus.link())
         poses, tags = MemorySource(self.clock, PoseSample.decode), MemorySource(self.clock, TagSample.decode)
-        self.robot = SimulatedRobot(config, bus.robot(), pose=poses, tags=tags, carry=made.carry, scene=made.pf.scene)
+        self.robot = SimulatedRobot(config, bus.robot(), pose=poses, tags=tags, carry=made.carry, scene=scene)
         self.clock.every_step(self.robot.step)
         self._targets = self._status = None
         self._steps, self.told = 0, []
@@ -140,10 +146,11 @@ class Trial:
         self._status = status.copy()
 
 
-def run_trial(made: Prepared, config: SimulatedRobotConfig) -> Outcome:
-    """A carry from the start to its end."""
-    trial = Trial(made, config)
-    world, goal = trial.robot.world, np.asarray(made.pf.scene.goal_W[:2])
+def run_trial(made: Prepared, config: SimulatedRobotConfig, scene: Scene | None = None) -> Outcome:
+    """A carry from the start to its end; `scene`: what the robot is in, by default the one that its runner knows."""
+    scene = made.pf.scene if scene is None else scene
+    trial = Trial(made, config, scene)
+    world, goal = trial.robot.world, np.asarray(scene.goal_W[:2])
 
     def seen() -> str:
         if world.failure or world.touched:
@@ -169,7 +176,7 @@ def run_trial(made: Prepared, config: SimulatedRobotConfig) -> Outcome:
     time_s = trial.clock.now() - began_s
     stayed = result == "success" and not outcome(STAY_S, ends="success") and seen() == "success"
     return Outcome(
-        scene=made.pf.scene.name,
+        scene=scene.name,
         seed=config.seed,
         outcome=result,
         time_s=time_s,
@@ -177,6 +184,15 @@ def run_trial(made: Prepared, config: SimulatedRobotConfig) -> Outcome:
         refused=trial.guard.targets.refused,
         faults=tuple(dict.fromkeys(_what(e) for e in trial.told if e.time_s > began_s)),
     )
+
+
+def mapped(scene: Scene, number: int) -> Scene:
+    """The scene as it is imported from a cloud of it; each second one has a ceiling."""
+    made = LidarScan(ceiling_m=CEILING_M if number % 2 else None, seed=number)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{scene.name}.pcd"
+        path.write_bytes(pcd_of(scan(scene, made)))
+        return import_scene(path, ImportOptions(start=scene.start[:2], goal=scene.goal)).scene
 
 
 def _what(event: Event) -> str:
@@ -192,13 +208,15 @@ def main() -> None:
     parser.add_argument("--noise", choices=("none", "trained"), default="trained")
     parser.add_argument("--delays", choices=("none", "trained"), default="trained")
     parser.add_argument("--dynamics", choices=("nominal", "drawn"), default="drawn")
+    parser.add_argument("--from-cloud", action="store_true", help="of the scene the runner knows a lidar's map alone")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     console, found = PlainConsole(), []
     policy, carry = open_policy(args.policy), solve_carry(Box(BOX[:3], BOX[3]))
     task = PolicyTask.from_meta(policy.meta, policy.name)
     for number, scene in enumerate(resolve_scenes(args.scenes)):
-        made = Prepared(policy, build_hod_pf(scene, task.resolution_m, task.margin_m), carry)
+        known = [mapped(scene, k) for k in range(min(MAPS, args.rollouts))] if args.from_cloud else [scene]
+        made = [Prepared(policy, build_hod_pf(each, task.resolution_m, task.margin_m), carry) for each in known]
         for rollout in range(args.rollouts):
             began_s = time.monotonic()
             config = SimulatedRobotConfig(
@@ -206,9 +224,10 @@ def main() -> None:
                 noise=args.noise,
                 delays=args.delays,
                 dynamics=args.dynamics,
+                localized_in="scan" if args.from_cloud else "scene",
                 seed=args.seed + 1000 * number + rollout,
             )
-            result = run_trial(made, config)
+            result = run_trial(made[rollout % len(made)], config, scene)
             found.append(result)
             console.print(
                 f"{scene.name} {result.seed}: {result.outcome} after {result.time_s:.1f} s"

@@ -16,11 +16,12 @@ from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.simulated.config import SimulatedRobotConfig
 from hotice.deploy.simulated.gantry import Gantry
 from hotice.deploy.simulated.handing import Handing
+from hotice.deploy.simulated.lidar_map import map_in_scene
 from hotice.deploy.simulated.mishaps import Mishaps
 from hotice.deploy.simulated.motors import LIMP, MotorCommand
 from hotice.deploy.simulated.outgoing_states import OutgoingStates
 from hotice.deploy.simulated.remote import SimulatedRemote
-from hotice.deploy.simulated.senses.localization import Localization
+from hotice.deploy.simulated.senses.localization import Localization, MapPlace
 from hotice.deploy.simulated.senses.states import StateWriter
 from hotice.deploy.simulated.senses.tag_sight import CORNER_PX, LATENCY_S, TagSight
 from hotice.deploy.simulated.start import hang
@@ -114,6 +115,7 @@ class SimulatedRobot:
                 pose,
                 config.sensing,
                 self._rng(4),
+                place=MapPlace(map_in_scene(world.scene)) if config.localized_in == "scan" else None,
                 drift_m_s=config.drift_m_s,
                 latency_s=late_steps * STEP_S,
             )
