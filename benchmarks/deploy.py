@@ -1,7 +1,7 @@
 """Success of the whole deployment in lock step: guard, runner, estimator and simulated robot over the link in memory.
 
     python -m benchmarks.deploy [--scenes bench20] [--rollouts 1] [--seed 0] [--policy student] [--noise trained]
-        [--delays trained] [--dynamics drawn] [--from-cloud] [--json out.json]
+        [--delays trained] [--dynamics drawn] [--from-cloud] [--as-evaluated] [--json out.json]
 
 Each trial begins as those of `hotice evaluate`: the robot stands in the carry state, the box between its hands. Its
 own controller holds it so until the guard is ready, and lets go as the guard enters carry; from there every state,
@@ -9,7 +9,10 @@ pose, tag, target and command goes the way that it goes on a robot, on a simulat
 Success: `hotice.task.rules`, with contacts judged by MuJoCo in every physics step, the referee `exact`, within
 `HORIZON_S`. With `--from-cloud` the runner knows the scene only as a FAST-LIO-like cloud of it, imported without
 options, and localization speaks in that cloud's frame; each scene is mapped `MAPS` times, with a ceiling and without.
-Unlike there the box is the same in all trials, its pose comes from tags, and nobody pushes.
+With `--as-evaluated` the trials are those of `hotice evaluate` with the same scenes, rollouts and seed: its objects,
+robots, starts, delays and pushes, and its verdicts stand beside; otherwise the box is the same in all trials, and
+nobody pushes. Either way joints, speeds, gyro, gravity and localization are as noisy as there; waist and wrists, welded
+there, are held by servos, and the box's pose comes from tags (0.3 px) rather than with ± 5 cm and ± 5 degrees.
 """
 
 from __future__ import annotations
@@ -19,13 +22,14 @@ import json
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
+from benchmarks.evaluated import EvaluatedTrial, become, evaluated_trials
 from hotice.console import PlainConsole
 from hotice.deploy import CheckedCommand, Link, MemoryBus
 from hotice.deploy.guard import Event, Guard, GuardConfig, Mode, Request
@@ -34,6 +38,7 @@ from hotice.deploy.programs.prepare import Prepared, estimator_of
 from hotice.deploy.runner import RobotRunner
 from hotice.deploy.simulated import LivingClock, SimulatedRobot, SimulatedRobotConfig
 from hotice.deploy.simulated.lidar_map import LidarScan, pcd_of, scan
+from hotice.deploy.simulated.robot import DrawnRobot
 from hotice.deploy.sources import MemorySource, PoseSample, TagSample
 from hotice.errors import SimulationError
 from hotice.evaluate.trials import success_interval
@@ -89,17 +94,30 @@ class Outcome:
     """Targets that the guard refused."""
     faults: tuple[str, ...]
     """What the guard told in carry, each once."""
+    evaluated: str = ""
+    """How the same trial went in an evaluation."""
 
 
 class Trial:
     """One robot in lock step with its guard and its runner."""
 
-    def __init__(self, made: Prepared, config: SimulatedRobotConfig, scene: Scene) -> None:
+    def __init__(
+        self, made: Prepared, config: SimulatedRobotConfig, scene: Scene, like: EvaluatedTrial | None = None
+    ) -> None:
         self.clock = LivingClock()
         bus = MemoryBus(self.clock)
         self.link = Withheld(bus.link())
         poses, tags = MemorySource(self.clock, PoseSample.decode), MemorySource(self.clock, TagSample.decode)
-        self.robot = SimulatedRobot(config, bus.robot(), pose=poses, tags=tags, carry=made.carry, scene=scene)
+        self.robot = SimulatedRobot(
+            config,
+            bus.robot(),
+            pose=poses,
+            tags=tags,
+            carry=made.carry,
+            scene=scene,
+            drawn=None if like is None else drawn_as(like),
+        )
+        self._pushes = [] if like is None else like.pushes_W.tolist()
         self.clock.every_step(self.robot.step)
         self._targets = self._status = None
         self._steps, self.told = 0, []
@@ -128,6 +146,8 @@ class Trial:
         """2 ms of all."""
         if self._steps % TICK_STEPS == 0:
             self.runner.tick()
+            if self.link.open and self._pushes:
+                self.robot.world.push(self._pushes.pop(0))
         self.guard.tick()
         self._steps += 1
         self.clock.sleep(STEP_S)
@@ -146,10 +166,22 @@ class Trial:
         self._status = status.copy()
 
 
-def run_trial(made: Prepared, config: SimulatedRobotConfig, scene: Scene | None = None) -> Outcome:
-    """A carry from the start to its end; `scene`: what the robot is in, by default the one that its runner knows."""
+def drawn_as(trial: EvaluatedTrial) -> DrawnRobot:
+    """The robot of a trial of an evaluation."""
+    return DrawnRobot(
+        change=lambda model: become(model, trial.robot), late=trial.late, command_delay_s=trial.command_delay_s
+    )
+
+
+def run_trial(
+    made: Prepared, config: SimulatedRobotConfig, scene: Scene | None = None, like: EvaluatedTrial | None = None
+) -> Outcome:
+    """A carry from the start to its end.
+
+    `scene`: what the robot is in, by default the one that its runner knows; `like`: the trial that is repeated.
+    """
     scene = made.pf.scene if scene is None else scene
-    trial = Trial(made, config, scene)
+    trial = Trial(made, config, scene, like)
     world, goal = trial.robot.world, np.asarray(scene.goal_W[:2])
 
     def seen() -> str:
@@ -183,6 +215,7 @@ def run_trial(made: Prepared, config: SimulatedRobotConfig, scene: Scene | None 
         stayed=stayed,
         refused=trial.guard.targets.refused,
         faults=tuple(dict.fromkeys(_what(e) for e in trial.told if e.time_s > began_s)),
+        evaluated="" if like is None else like.outcome,
     )
 
 
@@ -209,16 +242,35 @@ def main() -> None:
     parser.add_argument("--delays", choices=("none", "trained"), default="trained")
     parser.add_argument("--dynamics", choices=("nominal", "drawn"), default="drawn")
     parser.add_argument("--from-cloud", action="store_true", help="of the scene the runner knows a lidar's map alone")
+    parser.add_argument("--as-evaluated", action="store_true", help="the trials of `hotice evaluate`, pushes and all")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     console, found = PlainConsole(), []
+    for made, config, scene, like in _as_evaluated(args) if args.as_evaluated else _as_asked(args):
+        began_s = time.monotonic()
+        result = run_trial(made, config, scene, like)
+        found.append(result)
+        console.print(
+            f"{scene.name} {result.seed}: {result.outcome} after {result.time_s:.1f} s"
+            f"{', stayed' * result.stayed}{f', evaluated: {result.evaluated}' * bool(like)}; {result.refused} refused; "
+            f"{', '.join(result.faults) or 'no faults'} ({time.monotonic() - began_s:.0f} s)",
+            soft_wrap=True,
+        )
+        if args.json:
+            write_text(args.json, json.dumps([asdict(each) for each in found], indent=1))
+    console.print(_table(found))
+
+
+Task = tuple[Prepared, SimulatedRobotConfig, Scene, EvaluatedTrial | None]
+
+
+def _as_asked(args: argparse.Namespace) -> Iterator[Task]:
     policy, carry = open_policy(args.policy), solve_carry(Box(BOX[:3], BOX[3]))
     task = PolicyTask.from_meta(policy.meta, policy.name)
     for number, scene in enumerate(resolve_scenes(args.scenes)):
         known = [mapped(scene, k) for k in range(min(MAPS, args.rollouts))] if args.from_cloud else [scene]
         made = [Prepared(policy, build_hod_pf(each, task.resolution_m, task.margin_m), carry) for each in known]
         for rollout in range(args.rollouts):
-            began_s = time.monotonic()
             config = SimulatedRobotConfig(
                 box=BOX,
                 noise=args.noise,
@@ -227,17 +279,21 @@ def main() -> None:
                 localized_in="scan" if args.from_cloud else "scene",
                 seed=args.seed + 1000 * number + rollout,
             )
-            result = run_trial(made[rollout % len(made)], config, scene)
-            found.append(result)
-            console.print(
-                f"{scene.name} {result.seed}: {result.outcome} after {result.time_s:.1f} s"
-                f"{', stayed' * result.stayed}; {result.refused} refused; {', '.join(result.faults) or 'no faults'}"
-                f" ({time.monotonic() - began_s:.0f} s)",
-                soft_wrap=True,
-            )
-    console.print(_table(found))
-    if args.json:
-        write_text(args.json, json.dumps([asdict(each) for each in found], indent=1))
+            yield made[rollout % len(made)], config, scene, None
+
+
+def _as_evaluated(args: argparse.Namespace) -> Iterator[Task]:
+    policy, pf = open_policy(args.policy), None
+    task = PolicyTask.from_meta(policy.meta, policy.name)
+    trials = evaluated_trials(args.policy, tuple(args.scenes), args.rollouts, args.seed)
+    for number, trial in enumerate(trials):
+        if pf is None or pf.scene.name != trial.scene.name:
+            pf = build_hod_pf(trial.scene, task.resolution_m, task.margin_m)
+        box = trial.carry.carried
+        config = SimulatedRobotConfig(
+            box=(*(2.0 * box.half_extents_m).tolist(), box.mass_kg), delays="trained", seed=args.seed + number
+        )
+        yield Prepared(policy, pf, trial.carry), config, trial.scene, trial
 
 
 def _table(found: list[Outcome]) -> Table:
@@ -249,6 +305,14 @@ def _table(found: list[Outcome]) -> Table:
     table.add_row("stayed at the goal", str(sum(each.stayed for each in found)))
     for outcome, count in counts.most_common():
         table.add_row(outcome, str(count))
+    if found[0].evaluated:
+        same = Counter(each.evaluated for each in found)
+        low, high = success_interval(same["success"], len(found))
+        table.add_row(
+            "evaluated: success", f"{same['success'] / len(found):.1%} (95 % interval {low:.1%} to {high:.1%})"
+        )
+        alone = [(e.outcome == "success", e.evaluated == "success") for e in found]
+        table.add_row("success here alone, there alone", f"{alone.count((True, False))}, {alone.count((False, True))}")
     return table
 
 

@@ -70,7 +70,8 @@ def scan(scene: Scene, config: LidarScan) -> Array:
     around = _Around(scene, config.ceiling_m)
     which = rng.integers(len(places), size=config.rays)
     azimuth = rng.uniform(-math.pi, math.pi, config.rays)
-    up = rng.uniform(*np.sin(FIELD_RAD), config.rays)
+    lowest, highest = map(math.sin, FIELD_RAD)
+    up = rng.uniform(lowest, highest, config.rays)
     level = np.sqrt(1.0 - up**2)
     ahead_L = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), up], axis=1)
     # the robot looks the other way on each second place, as who walks about does
