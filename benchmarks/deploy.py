@@ -29,6 +29,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from benchmarks.arguments import a_count, a_seed
 from benchmarks.evaluated import EvaluatedTrial, become, evaluated_trials
 from hotice.console import PlainConsole
 from hotice.deploy import CheckedCommand, Link, MemoryBus
@@ -235,8 +236,8 @@ def _what(event: Event) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", nargs="+", default=["bench20"])
-    parser.add_argument("--rollouts", type=int, default=1, help="trials of each scene")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--rollouts", type=a_count, default=1, help="trials of each scene")
+    parser.add_argument("--seed", type=a_seed, default=0)
     parser.add_argument("--policy", default="student")
     parser.add_argument("--noise", choices=("none", "trained"), default="trained")
     parser.add_argument("--delays", choices=("none", "trained"), default="trained")
