@@ -14,6 +14,7 @@ import tyro
 from hotice import checks
 from hotice.checks import Range
 from hotice.commands.help_text import unbroken_help
+from hotice.deploy.simulated.lidar_map import LidarScan
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable, is_folder
 from hotice.model.importers.house_scenes import Front3dConfig
@@ -71,6 +72,21 @@ class GenerateConfig:
     """Folder for one file per scene."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ScanConfig(LidarScan):
+    """One map of a scene."""
+
+    scene: tyro.conf.Positional[str]
+    """Scene name or file."""
+    out: Path = Path("scan.pcd")
+    """Point cloud to write."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.out.suffix != ".pcd":
+            raise InvalidConfig(f"out is {str(self.out)!r}: a .pcd file is needed")
+
+
 def import_map(config: Flat[ImportConfig]) -> int:
     """Make a scene of a point cloud or mesh."""
     from hotice.console import PlainConsole
@@ -97,6 +113,20 @@ def import_front3d(config: Flat[Front3dConfig]) -> int:
     from hotice.model.importers import house_scenes
 
     return house_scenes.import_front3d(config)
+
+
+def scan_scene(config: Flat[ScanConfig]) -> int:
+    """Map a scene as a robot's upside-down lidar would: a point cloud to import, as FAST-LIO saves it."""
+    from hotice.deploy.simulated.lidar_map import pcd_of, scan
+    from hotice.files import write_bytes
+    from hotice.model.shipped import load_scene
+
+    check_writable(config.out)
+    with doing(f"mapping {config.scene}"):
+        points = scan(load_scene(config.scene), config)
+    write_bytes(config.out, pcd_of(points))
+    print(f"{len(points):,} points in {config.out}")
+    return 0
 
 
 def show(config: Flat[ShowConfig]) -> int:
@@ -189,6 +219,7 @@ def generate(config: Flat[GenerateConfig]) -> int:
 COMMANDS = {
     "import": import_map,
     "import-front3d": import_front3d,
+    "scan": scan_scene,
     "show": show,
     "check": check,
     "list": list_scenes,
