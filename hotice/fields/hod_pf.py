@@ -61,7 +61,7 @@ class GuidanceField:
     def potential(self, p_W: ArrayOrTensor) -> ArrayOrTensor:
         """U_att + U_rep, (..., 3) -> (...) (eqs. 1, 2); where no path leads, of the extended geodesic distance."""
         _, s, geodesic = self._query(p_W)
-        return self.params.attraction * geodesic + u_rep(s, self.params)
+        return self.params.attraction * geodesic + u_rep(s, self.params)  # type: ignore
 
     def signed_distance(self, p_W: ArrayOrTensor) -> ArrayOrTensor:
         """To the field's own (inflated) obstacles, (..., 3) -> (...) [m], negative inside."""
