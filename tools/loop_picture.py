@@ -49,9 +49,7 @@ def main() -> int:
     parser.add_argument("page", type=Path, help="replay page")
     parser.add_argument("out", type=Path, help="animated .webp")
     parser.add_argument("--fast", type=float, default=6.0, help="speed of the beginning")
-    parser.add_argument(
-        "--until-s", type=float, default=20.5, help="end of the beginning [s]"
-    )
+    parser.add_argument("--until-s", type=float, default=20.5, help="end of the beginning [s]")
     parser.add_argument("--quality", type=int, default=60, help="of the pictures, up to 100")
     asked = parser.parse_args()
     shots = frames(asked.page, asked.fast, asked.until_s)
