@@ -18,9 +18,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.arguments import a_count
+from hotice.console import PlainConsole
 from hotice.files import write_text
 from hotice.model import g1
 from hotice.systems import StationConfig, make_station
@@ -124,7 +125,7 @@ def moments(number: int) -> list[tuple[str, object, np.ndarray, np.ndarray, floa
 def main() -> None:
     """Prints the table; writes it as JSON where asked."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--moments", type=int, default=6)
+    parser.add_argument("--moments", type=a_count, default=6)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     rows: dict[str, dict[str, dict[str, float]]] = {}
@@ -155,7 +156,7 @@ def main() -> None:
                     for k in ("before", "soon", "at_100_ms", "later", "sinking", "torque", "kept", "down")
                 ),
             )
-        Console(width=140).print(table)
+        PlainConsole(width=140).print(table)
     if args.json:
         write_text(args.json, json.dumps(rows, indent=2))
 

@@ -14,7 +14,7 @@ from hotice.model.importers.options import Front3dConfig
 from hotice.progress import counted, doing
 
 if TYPE_CHECKING:
-    from hotice.commands.line.scene_config import CheckConfig, GenerateConfig, ImportConfig, ShowConfig
+    from hotice.commands.line.scene_config import CheckConfig, GenerateConfig, ImportConfig, ScanConfig, ShowConfig
     from hotice.model import Scene
 
 
@@ -44,6 +44,20 @@ def import_front3d(config: Front3dConfig) -> int:
     from hotice.model.importers import house_scenes
 
     return house_scenes.import_front3d(config)
+
+
+def scan_scene(config: ScanConfig) -> int:
+    """Map a scene as a robot's upside-down lidar would: a point cloud to import, as FAST-LIO saves it."""
+    from hotice.deploy.simulated.lidar_map import pcd_of, scan
+    from hotice.files import write_bytes
+    from hotice.model.shipped import load_scene
+
+    check_writable(config.out)
+    with doing(f"mapping {config.scene}"):
+        points = scan(load_scene(config.scene), config)
+    write_bytes(config.out, pcd_of(points))
+    print(f"{len(points):,} points in {config.out}")
+    return 0
 
 
 def show(config: ShowConfig) -> int:
@@ -132,6 +146,7 @@ def generate(config: GenerateConfig) -> int:
 COMMANDS = {
     "import": import_map,
     "import-front3d": import_front3d,
+    "scan": scan_scene,
     "show": show,
     "check": check,
     "list": list_scenes,

@@ -87,6 +87,7 @@ def test_every_command_ends_so(monkeypatch, capsys, run):
         "scene import": ["map.obj", *map_options],
         "scene import-front3d": ["--house", "house.json", "--models", "."],
         "scene show": ["open_floor", "--html", "x.html"],
+        "scene scan": ["gap", "--out", "x.pcd"],
         "scene check": ["open_floor"],
         "scene list": [],
         "scene generate": ["family:gap:1"],

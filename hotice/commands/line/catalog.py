@@ -153,6 +153,11 @@ SCENES: Groups = {
             ("hotice scene import room.ply --start 0 0 --goal 2.5 0 --out room.json",),
         ),
         Entry(
+            "scan",
+            "Map a scene as a robot's upside-down lidar would: a point cloud to import, as FAST-LIO saves it.",
+            ("hotice scene scan gap --out gap.pcd",),
+        ),
+        Entry(
             "import-front3d",
             "Crop scenes from a house of the 3D-FRONT data set.",
             ("hotice scene import-front3d --house HOUSE.json --models 3D-FUTURE-model --out scenes",),

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from hotice.commands.deploy.check_config import RobotCheckConfig
     from hotice.commands.deploy.config import DeployConfig
     from hotice.commands.line.benchmark_config import BenchmarkConfig
-    from hotice.commands.line.scene_config import CheckConfig, GenerateConfig, ImportConfig, ShowConfig
+    from hotice.commands.line.scene_config import CheckConfig, GenerateConfig, ImportConfig, ScanConfig, ShowConfig
     from hotice.commands.recipes import ReproduceConfig
     from hotice.commands.robot_sim_config import RobotSimConfig
     from hotice.commands.tags_config import TagCameraConfig, TagsConfig
@@ -44,6 +44,7 @@ __all__ = [
     "ReproduceConfig",
     "RobotCheckConfig",
     "RobotSimConfig",
+    "ScanConfig",
     "SCENE_OPTIONS",
     "ShowConfig",
     "TagCameraConfig",
@@ -92,6 +93,7 @@ SCENE_OPTIONS = LazyTypes(
     {
         "import": "ImportConfig",
         "import-front3d": "Front3dConfig",
+        "scan": "ScanConfig",
         "show": "ShowConfig",
         "check": "CheckConfig",
         "generate": "GenerateConfig",

@@ -10,6 +10,7 @@ import tyro
 
 from hotice import checks
 from hotice.checks import Range
+from hotice.deploy.simulated.lidar_map import LidarScan
 from hotice.errors import InvalidConfig
 from hotice.model.importers.options import ImportOptions
 
@@ -66,3 +67,18 @@ class CheckConfig:
 
     scenes: Items
     """Names, files, folders or family:NAME:COUNT[:SEED]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanConfig(LidarScan):
+    """One map of a scene."""
+
+    scene: tyro.conf.Positional[str]
+    """Scene name or file."""
+    out: Path = Path("scan.pcd")
+    """Point cloud to write."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.out.suffix != ".pcd":
+            raise InvalidConfig(f"out is {str(self.out)!r}: a .pcd file is needed")
