@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -82,6 +83,7 @@ def export(config: ExportConfig) -> int:
     policy = torch_policy(config.policy)
     print(export_onnx(policy, config.out))
     print(f"trained on {in_words(policy.meta['trained']['on'])}")
+    print(f"next: hotice evaluate --policy {shlex.quote(str(config.out))} --scenes bench20 --rollouts 4")
     return 0
 
 
@@ -195,7 +197,21 @@ def _train(kind: Callable[[Any], Runner], config: TrainConfig) -> int:
         check_unowned(config.out)
     with doing("preparing scenes, fields and objects"):
         runner = kind(config)
-    return 0 if runner.train() else STOPPED
+    done = runner.train()
+    if distributed.leads():
+        _say_next(config)
+    return 0 if done else STOPPED
+
+
+def _say_next(config: TrainConfig) -> None:
+    """Prints what one would type after a training."""
+    run, scenes = shlex.quote(str(config.out)), " ".join(map(shlex.quote, config.scenes))
+    how = "" if config.perturbed else " --no-perturbed"
+    print("next:")
+    print(f"  hotice evaluate --policy {run} --scenes {scenes} --rollouts 20{how}")
+    print(f"  hotice play --policy {run} --scenes {shlex.quote(config.scenes[0])}{how}")
+    print(f"  hotice export --policy {run} --out {run}.onnx")
+    print("  the same command with --resume goes on")
 
 
 COMMANDS = {

@@ -69,8 +69,9 @@ def test_help_lists_every_command(capsys):
 # each command once
 
 
-def test_train(tmp_path, tiny_options):
+def test_train(tmp_path, tiny_options, capsys):
     assert main(["train", "--out", str(tmp_path / "run"), *tiny_options, "--updates", "1", "--scenes", "gap"]) == 0
+    assert f"hotice evaluate --policy {tmp_path / 'run'} --scenes gap" in capsys.readouterr().out
     assert (tmp_path / "run" / "checkpoint-0000001" / "meta.json").is_file()
 
 
