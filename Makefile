@@ -16,7 +16,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check 
 SOURCES := hotice tests benchmarks tools
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format type docs notebooks benchmark install clean distclean
+.PHONY: help demo test test-fast lint format type docs notebooks readme benchmark install clean distclean
 
 help: ## Show this list
 	@awk 'BEGIN {FS = ":.*## "} /^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -65,6 +65,9 @@ docs: $(VENV)/.dev ## Write the documentation with the API reference to build/si
 
 notebooks: $(VENV)/.dev ## Execute every notebook, with a short training
 	HOTICE_TRAIN_MINUTES=$${HOTICE_TRAIN_MINUTES:-0.5} $(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks $(ARGS)
+
+readme: $(VENV)/.dev ## Type whatever the README says to type, with small numbers
+	$(BIN)/python -m tools.try_readme
 
 benchmark: $(VENV)/.core ## Measure throughput
 	$(BIN)/python -m hotice.learn benchmark $(ARGS)
