@@ -58,6 +58,9 @@ class DeployConfig:
     """UDP port on this machine to which corners of tags are sent."""
     pose_latency_s: float = 0.0
     """From a measurement of localization until its pose comes, as far as it is known [s]."""
+    tags_latency_s: float = 0.0
+    """From a picture's exposure until its tags come, for a camera's program that does not run by this machine's clock,
+    as far as it is known [s]."""
 
     def __post_init__(self) -> None:
         checks.one_of("robot", self.robot, ("sim", "g1"))
@@ -68,6 +71,7 @@ class DeployConfig:
         checks.whole("pose_port", self.pose_port, PORT)
         checks.whole("tags_port", self.tags_port, PORT)
         checks.number("pose_latency_s", self.pose_latency_s, LATENCY)
+        checks.number("tags_latency_s", self.tags_latency_s, LATENCY)
         if self.robot == "g1" and self.interface in ("", LOOPBACK):
             raise InvalidConfig("interface is needed for g1: the network interface that its cable is in")
         if self.robot == "g1" and self.map is None:

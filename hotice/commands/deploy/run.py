@@ -125,6 +125,7 @@ def _runner_options(config: DeployConfig, folder: str, keep_s: float | None) -> 
         pose_port=config.pose_port,
         tags_port=config.tags_port,
         pose_latency_s=config.pose_latency_s,
+        tags_latency_s=config.tags_latency_s,
         log=folder,
         keep_s=keep_s,
         view_port=config.view_port if config.view else None,

@@ -46,6 +46,7 @@ class RunnerOptions:
     tags_port: int
     log: str
     pose_latency_s: float = 0.0
+    tags_latency_s: float = 0.0
     keep_s: float | None = None
     view_port: int | None = None
     """Port of the live page, 0: any free one; None: no page."""

@@ -64,7 +64,7 @@ class SimulatedRobot:
     Attributes:
         world: robot, object and scene. remote: its gamepad. gantry: what holds or steadies it. handing: the object.
         states: what it says of itself, its battery too. localization, sight: its sources, None without a sender.
-        steps: how many it has lived.
+        steps: how many it has lived. epoch_s: its start on the clock by which its sources stamp [s].
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class SimulatedRobot:
         Raises:
             HoticeError: no such scene, or a box that it cannot hold, or too small for tags
         """
-        self.config, self.end, self.steps = config, end, 0
+        self.config, self.end, self.steps, self.epoch_s = config, end, 0, 0.0
         protocol = get_protocol("robot")
         self.world = World(
             carry or solve_carry(config.carried),
@@ -191,7 +191,7 @@ class SimulatedRobot:
         self._suffering.of_sources(self.time_s, self.localization, self.sight)
         for sensor in (self.localization, self.sight):
             if sensor is not None:
-                sensor.live(self.time_s)
+                sensor.live(self.time_s, self.epoch_s + self.time_s)
 
     def _hear(self) -> None:
         received = self.end.command()
