@@ -49,7 +49,15 @@ def deploy(config: DeployConfig) -> None:
         guard = Child(
             "guard",
             GuardOptions(
-                slot=config.slot, domain=domain, interface=interface, dry_run=config.dry_run, log=folder, keep_s=keep_s
+                slot=config.slot,
+                domain=domain,
+                interface=interface,
+                dry_run=config.dry_run,
+                log=folder,
+                # who sends nothing may watch while another one commands
+                has_controller=config.robot == "g1" and not config.dry_run,
+                release_held=config.release_held,
+                keep_s=keep_s,
             ).text(),
         )
         stack.callback(_end_guard, guard, view)
