@@ -28,6 +28,8 @@ else:
     ArrayOrTensor = TypeVar("ArrayOrTensor")
 
 MAX_MARGIN_M = 1.0
+_ALONE = np.zeros(1, dtype=np.int64)
+"""Index of the only scene."""
 
 
 class UnreachableGoalWarning(UserWarning):
@@ -95,13 +97,13 @@ class GuidanceField:
         if p.dtype not in (np.float32, np.float64):
             p = p.astype(np.float64)
         _check_last_axis(p.shape)
-        flat = np.ascontiguousarray(p).reshape(1, -1, 3)
-        force, s, geodesic = np.empty_like(flat), np.empty_like(flat[..., 0]), np.empty_like(flat[..., 0])
-        ids = np.zeros(1, dtype=np.int64)
-        if flat.size:
-            sample_field(self._volumes, self._index, self.margin_m, self.params, ids, flat, force, s, geodesic)
         lead = p.shape[:-1]
-        return force.reshape(p.shape), s.reshape(lead), geodesic.reshape(lead)  # type: ignore
+        flat = np.ascontiguousarray(p).reshape(1, -1, 3)
+        number = flat.shape[1]
+        force, away = np.empty((1, number, 3), p.dtype), np.empty((2, 1, number), p.dtype)
+        if number:
+            sample_field(self._volumes, self._index, self.margin_m, self.params, _ALONE, flat, force, *away)
+        return force.reshape(p.shape), away[0].reshape(lead), away[1].reshape(lead)  # type: ignore
 
     def _query_torch(self, p_W: Any) -> Any:
         import torch

@@ -103,7 +103,7 @@ def state_of(env) -> RobotState:
 
 @pytest.mark.parametrize("name", ["gap", "beam"])
 def test_observations_are_those_of_the_evaluator(name):
-    """Same policy, scene, seed: states of a walk there, seen through LowState, localization, tags, estimator here."""
+    """Same policy, scene, seed: states of a walk there, through LowState, localization, tags and estimator here."""
     scene, policy = load_scene(name), load_policy("student", threads=1)
     task = replace(Conditions(perturbed=False).task(policy.meta["task"]), sensing=NOISELESS)
     bank = CarryBank.of([carry(BOX)], task.physics_dt_s, CPU, scene=scene, elliptic=True, dynamics=task.dynamics)

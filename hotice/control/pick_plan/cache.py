@@ -47,7 +47,7 @@ def default_folder() -> Path:
 
 
 def plan_key(task: PickTask, durations: Durations) -> str:
-    """Hash of robot, planner and solvers, object, support, stance, pose of the object and durations."""
+    """Hash of robot, planner and solvers, object, support, stance, balance, pose of the object and durations."""
     grip = task.grip
     facts = [
         _planner(),
@@ -57,6 +57,7 @@ def plan_key(task: PickTask, durations: Durations) -> str:
         task.q_start.tolist(),
         task.pose.p_WO.tolist(),
         task.yaw,
+        task.com_box_m.tolist(),
     ]
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:32]
 

@@ -12,7 +12,7 @@ from hotice import checks
 from hotice.control.pick_plan import cache
 from hotice.control.pick_plan.grip import Grip, ready_joints
 from hotice.control.pick_plan.plan import BEYOND_RAD, Durations, PickPlan, Support, beyond_range
-from hotice.control.pick_plan.task import PickTask, frames_at
+from hotice.control.pick_plan.task import CALM_COM_BOX_M, COM_BOX_M, PickTask, frames_at
 from hotice.control.whole_body.contacts import PALM_M
 from hotice.control.whole_body.terms import FEET, Terms
 from hotice.errors import PickInfeasible
@@ -35,6 +35,7 @@ class Planner:
         carried: the object; support: what it stands on.
         durations: of the parts of a plan.
         folder: of the cache; default `cache.default_folder()`; None: no cache.
+        calm: whether the centre of mass stays so near the middle of the feet that the plan can be played back.
 
     Raises `CarryInfeasible` where the object cannot be held.
     """
@@ -46,9 +47,11 @@ class Planner:
         durations: Durations | None = None,
         *,
         folder: Path | str | None = "",
+        calm: bool = False,
     ) -> None:
         self.carried, self.support, self.durations = carried, support, durations or Durations()
         self.folder = cache.default_folder() if folder == "" else None if folder is None else Path(folder)
+        self.com_box_m = CALM_COM_BOX_M if calm else COM_BOX_M
         self.grip = Grip(carried=carried, support=support)
         self.carry, self.wrist_pos = self.grip.carry, self.grip.wrist_pos
         self.above_m, self.rise_m = self.grip.above_m, self.grip.rise_m
@@ -75,7 +78,7 @@ class Planner:
                 f"q_start has {g1.ACTION_JOINTS[worst]} {beyond[worst]:.3g} rad beyond its range: "
                 f"at most {BEYOND_RAD:g} rad is allowed, begin within the range"
             )
-        task = PickTask.of(self.grip, self.terms, q, p, quat)
+        task = PickTask.of(self.grip, self.terms, q, p, quat, self.com_box_m)
         key = cache.plan_key(task, self.durations) if self.folder is not None else ""
         plan = cache.load(self.folder, key) if self.folder is not None else None
         if plan is None:

@@ -21,6 +21,8 @@ TIPS_M = np.array([[0.075, 0.0, -0.04], [-0.1, 0.0, -0.04]])  # of the hand fram
 TIPS_ABOVE_M = 0.05  # their way over the support
 COM_BOX_M = np.array([[-0.035, -0.085], [0.05, 0.085]])
 """(2, 2) where the centre of mass may be: the soles, 17 cm by 20 cm and more, less a margin."""
+CALM_COM_BOX_M = np.array([[-0.025, -0.025], [0.035, 0.025]])
+"""The same for plans that are played back as position targets: servos at rest carry a body that leans by little."""
 KNEE_ROOM_M = 0.07  # from the knee's axis to the edge of the support
 CHEST_M = np.array([[0.079, y, z] for y in (-0.08, 0.08) for z in (0.0, 0.14, 0.27)])  # in P
 CHEST_GAP_M = 0.02
@@ -64,6 +66,7 @@ class PickTask:
 
     Attributes:
         q_start: (27,) standing. feet: their poses then. pose: the object before, upright; yaw: its turn [rad].
+        com_box_m: (2, 2) where the common centre of mass may be, seen from the middle of the feet.
         lifted, final: the object above its support, and in the carry state. back_m: step back between the two.
     """
 
@@ -72,6 +75,7 @@ class PickTask:
     feet: Frames
     pose: ObjectPose
     yaw: float
+    com_box_m: Array = field(default_factory=COM_BOX_M.copy)
     lifted: ObjectPose = field(init=False)
     final: ObjectPose = field(init=False)
     back_m: float = field(init=False)
@@ -88,11 +92,14 @@ class PickTask:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def of(cls, grip: Grip, terms: Terms, q_start: Array, p_GO: Array, quat_GO: Array) -> PickTask:
+    def of(
+        cls, grip: Grip, terms: Terms, q_start: Array, p_GO: Array, quat_GO: Array, com_box_m: Array = COM_BOX_M
+    ) -> PickTask:
         """From a standing configuration (27,) and the object's pose; `terms` serve as scratch."""
         yaw = float(yaw_from_quat(quat_GO)) if grip.carried.shape == "box" else 0.0
         feet = frames_at(terms, q_start, FEET)
-        return cls(grip=grip, q_start=q_start, feet=feet, pose=ObjectPose.of(p_GO, quat_from_yaw(yaw)), yaw=yaw)
+        pose = ObjectPose.of(p_GO, quat_from_yaw(yaw))
+        return cls(grip=grip, q_start=q_start, feet=feet, pose=pose, yaw=yaw, com_box_m=com_box_m)
 
 
 def frames_at(terms: Terms, q: Array, which: slice = HANDS) -> Frames:

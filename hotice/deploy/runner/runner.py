@@ -146,4 +146,4 @@ class RobotRunner:
         """The reading of a robot that stays where it was when it began to stand."""
         if self._place_W is None:
             self._place_W = np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
-        return read_standing(reading, percept, self._place_W, self.policy.task)
+        return read_standing(reading, percept, self._place_W, self.policy.task, self._pf.params.attraction)

@@ -16,7 +16,6 @@ from hotice.control.pick_plan.guess.rows import Pose, Rows, hinge
 from hotice.control.pick_plan.task import (
     CHEST_GAP_M,
     CHEST_M,
-    COM_BOX_M,
     KNEE_ROOM_M,
     PREGRASP_GAP_M,
     STEPPING_HEIGHT_M,
@@ -54,7 +53,7 @@ class Guess:
             *self.stand_rows(p, 0.0, pose.p_WO),
             *([_low(p)] if grip.steps_back else []),
             (2.0 * height, 2.0 * by_v),  # no deep squat
-            _inside(*p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
+            _inside(task.com_box_m, *p.com(np.zeros(2), 1.0, carried.mass_kg, pose.p_WO)),
             p.palms(carried, pose, grip.gaps_m(), stiff),
             p.hand_places(pose, grip.place, np.eye(3), 15.0 if carried.shape == "box" else 50.0),
             p.hand_pitch(0.0, 2.0),
@@ -124,7 +123,7 @@ class Guess:
         room = np.array([near - KNEE_ROOM_M - x[0] for x, _ in knees])
         return [
             *(p.frame(LEFT_FOOT + i, feet.p[i], feet.R[i], (300.0, 100.0)) for i in range(2)),
-            _inside(com, J),
+            _inside(self.task.com_box_m, com, J),
             (1.0 * com, 1.0 * J),
             hinge(room, np.array([-by_v[0] for _, by_v in knees]), 100.0),
         ]
@@ -172,9 +171,9 @@ def posture_weights(arms: float) -> Array:
     return weight
 
 
-def _inside(com: Array, J: Array) -> Rows:
-    """Centre of mass within `COM_BOX_M`."""
-    return hinge(np.concatenate([com - COM_BOX_M[0], COM_BOX_M[1] - com]), np.concatenate([J, -J]), 100.0)
+def _inside(box: Array, com: Array, J: Array) -> Rows:
+    """Centre of mass within `box` (2, 2)."""
+    return hinge(np.concatenate([com - box[0], box[1] - com]), np.concatenate([J, -J]), 100.0)
 
 
 def _low(p: Pose) -> Rows:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hotice.control.pick_plan.grip import GRIP_AHEAD_M, PALM_POINTS_M, PALM_RADIUS_M
 from hotice.control.pick_plan.keyframes.ik import KeyframeIk
 from hotice.control.pick_plan.keyframes.robot import DrakeRobot
-from hotice.control.pick_plan.task import CHEST_GAP_M, CHEST_M, COM_BOX_M, KNEE_ROOM_M, STEPPING_HEIGHT_M, PickTask
+from hotice.control.pick_plan.task import CHEST_GAP_M, CHEST_M, KNEE_ROOM_M, STEPPING_HEIGHT_M, PickTask
 from hotice.control.whole_body.terms import PELVIS, Terms
 from hotice.model import g1
 from hotice.model.carry import surface_distance
@@ -39,7 +39,7 @@ class Demands:
         room = task.grip.support.near_m - KNEE_ROOM_M
         for link in KNEES:
             ik.within(link, np.zeros(3), np.full(3, -np.inf), [room, np.inf, np.inf], "knees off the support")
-        ik.balance(COM_BOX_M, load_kg, p_load, "centre of mass over the feet")
+        ik.balance(task.com_box_m, load_kg, p_load, "centre of mass over the feet")
         ik.centre(1.0, load_kg, p_load)
         return ik
 

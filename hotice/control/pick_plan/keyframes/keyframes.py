@@ -14,7 +14,6 @@ from hotice.control.pick_plan.keyframes.demands import HANDS, PALM_GAPS_M, Deman
 from hotice.control.pick_plan.keyframes.ik import AHEAD_M
 from hotice.control.pick_plan.keyframes.robot import DrakeRobot
 from hotice.control.pick_plan.task import (
-    COM_BOX_M,
     PREGRASP_GAP_M,
     TIPS_ABOVE_M,
     TIPS_M,
@@ -113,7 +112,7 @@ class KeyframeSolver:
         task, grip = self.task, self.task.grip
         pose, carried = task.pose, grip.carried
         ik = self._demand.standing(0.0, pose.p_WO)
-        ik.balance(COM_BOX_M, carried.mass_kg, pose.p_WO, "centre of mass with the object over the feet")
+        ik.balance(task.com_box_m, carried.mass_kg, pose.p_WO, "centre of mass with the object over the feet")
         frames = frames_at(self.terms, guess)
         if grip.steps_back:
             self._demand.low(ik)

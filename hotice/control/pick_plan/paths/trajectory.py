@@ -14,7 +14,6 @@ from hotice.control.pick_plan.paths.kinematics import to_q, to_x
 from hotice.control.pick_plan.paths.nlp import Knots, PathProgram
 from hotice.control.pick_plan.plan import Durations
 from hotice.control.pick_plan.task import (
-    COM_BOX_M,
     KNEE_ROOM_M,
     STEPPING_HEIGHT_M,
     TIPS_ABOVE_M,
@@ -154,8 +153,8 @@ class Paths:
     def _bounds(self) -> tuple[Array, Array]:
         """Bounds of feet, centre of mass and knees, (16,) each."""
         room = self.task.grip.support.near_m - KNEE_ROOM_M + SLACK_M
-        low = np.concatenate([np.zeros(12), COM_BOX_M[0] - SLACK_M, np.full(2, -np.inf)])
-        return low, np.concatenate([np.zeros(12), COM_BOX_M[1] + SLACK_M, np.full(2, room)])
+        low = np.concatenate([np.zeros(12), self.task.com_box_m[0] - SLACK_M, np.full(2, -np.inf)])
+        return low, np.concatenate([np.zeros(12), self.task.com_box_m[1] + SLACK_M, np.full(2, room)])
 
     def _limits(
         self, ends: Array, theta: Array, low: Array, high: Array, knots: int, seconds: float

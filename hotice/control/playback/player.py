@@ -1,0 +1,93 @@
+"""Playback of one pick: joint angles, tilt and time in, joint targets out, 50 times a second."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from hotice.errors import InvalidState
+from hotice.model import builder, g1
+from hotice.model.frames import quat_from_axis_angle, quat_mul
+from hotice.model.picks.book import BOOK_PHASES, DT_S, PickBook, balance
+
+Array = NDArray[np.float64]
+TRACK_PLACE, TRACK_RATE = 0.3, 0.05
+"""Gains of the alpha-beta filter of the pelvis' offset: encoders and IMU are noisy, and a rate of raw differences would
+be noise alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayerMemory:
+    """Steps so far; offset (2,) and rate (2,) of the pelvis [m], [m/s]."""
+
+    step: int = 0
+    offset: Array
+    rate: Array
+
+
+class Player:
+    """Plays row `row` of a book. Feels nothing: neither forces nor where the object is once the pick has begun.
+
+    Raises `InvalidState` for a row that is not there.
+    """
+
+    rate_hz = 1.0 / DT_S
+
+    def __init__(self, book: PickBook, row: int = 0) -> None:
+        if not 0 <= row < len(book):
+            raise InvalidState(f"row {row} of a book of picks: it has rows 0 to {len(book) - 1}")
+        self.joint_pos, self.target = np.asarray(book.joint_pos[row], float), np.asarray(book.target[row], float)
+        self._pelvis, self._phase = np.asarray(book.pelvis[row], float), book.phase
+        self._model = builder.build_model(None, wrist_pos=book.wrist[row], floor=False)
+        self._data = mujoco.MjData(self._model)
+        self._feet = [self._model.body(f"{side}_ankle_roll_link").id for side in g1.SIDES]
+        start = self.offset_of(np.asarray(book.start[row][g1.JOINT_POS]), _down(np.asarray(book.start[row][3:7])))
+        self._zero = start - book.start[row][:2]
+        """From the middle of the ankles to G."""
+
+    def start(self) -> PlayerMemory:
+        """Memory before the first step."""
+        return PlayerMemory(offset=np.zeros(2), rate=np.zeros(2))
+
+    def step(self, memory: PlayerMemory, joint_pos: Array, gravity_P: Array) -> tuple[Array, PlayerMemory]:
+        """Targets (20,) [rad] for joint angles (20,) and the direction of gravity in the pelvis frame (3,)."""
+        k = min(memory.step, len(self._phase) - 1)
+        offset = self.offset_of(joint_pos, gravity_P) - self._zero - self._pelvis[k, :2]
+        foreseen = memory.offset + DT_S * memory.rate
+        found = foreseen + TRACK_PLACE * (offset - foreseen)
+        rate = memory.rate + TRACK_RATE / DT_S * (offset - foreseen)
+        target = self.target[k] + balance(found, rate)
+        return target, replace(memory, step=memory.step + 1, offset=found, rate=rate)
+
+    def phase(self, memory: PlayerMemory) -> str:
+        """Name of what the next step does."""
+        return BOOK_PHASES[self._phase[memory.step]] if memory.step < len(self._phase) else BOOK_PHASES[-1]
+
+    def offset_of(self, joint_pos: Array, gravity_P: Array) -> Array:
+        """Horizontal way from the middle of the ankles to the pelvis, (2,) [m], along the heading of the feet."""
+        q = self._data.qpos
+        q[g1.ROOT_POS], q[g1.ROOT_QUAT], q[g1.JOINT_POS] = 0.0, _upright(gravity_P), joint_pos
+        mujoco.mj_kinematics(self._model, self._data)
+        feet, R = self._data.xpos[self._feet], self._data.xmat[self._feet]
+        ahead = R[:, [0, 3]].sum(axis=0)
+        ahead /= np.linalg.norm(ahead)
+        way = -feet.mean(axis=0)[:2]
+        return np.array([way @ ahead, way @ [-ahead[1], ahead[0]]])
+
+
+def _down(quat: Array) -> Array:
+    """Direction of gravity in a frame of orientation `quat` (4,) wxyz."""
+    out = np.zeros(9)
+    mujoco.mju_quat2Mat(out, quat)
+    return -out.reshape(3, 3)[2]
+
+
+def _upright(gravity_P: Array) -> Array:
+    """Orientation (4,) wxyz without a heading of a pelvis that sees gravity in this direction (3,)."""
+    x, y, z = gravity_P / np.linalg.norm(gravity_P)
+    roll = quat_from_axis_angle([1.0, 0.0, 0.0], np.asarray(np.arctan2(-y, -z)))
+    pitch = quat_from_axis_angle([0.0, 1.0, 0.0], np.asarray(np.arctan2(x, np.hypot(y, z))))
+    return np.asarray(quat_mul(pitch, roll))
