@@ -33,8 +33,9 @@ $(VENV)/.core: pyproject.toml constraints.txt | $(BIN)/python
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP_INSTALL) -e ".[dev,drake,gpu,video,cluster,deploy,mcap]"
+	$(PIP_INSTALL) -e ".[dev,docs,drake,gpu,video,cluster,deploy,mcap]"
 	@$(BIN)/python tools/check_no_cuda.py
+	$(BIN)/python -m hotice warm
 	@touch $@ $(VENV)/.core
 
 install: $(VENV)/.dev ## Install everything that tests and notebooks need
@@ -59,8 +60,8 @@ format: $(VENV)/.dev ## Mend style and layout
 type: $(VENV)/.dev ## Check types
 	$(BIN)/pyright
 
-docs: $(VENV)/.dev ## Write the API reference to build/reference; any warning and any lost name fails
-	OMP_NUM_THREADS=1 $(BIN)/python -m tools.reference build/reference
+docs: $(VENV)/.dev ## Write the documentation with the API reference to build/site; any warning and any lost name fails
+	OMP_NUM_THREADS=1 $(BIN)/python -m tools.site build/site
 
 notebooks: $(VENV)/.dev ## Execute every notebook, with a short training
 	HOTICE_TRAIN_MINUTES=$${HOTICE_TRAIN_MINUTES:-0.5} $(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks $(ARGS)

@@ -35,11 +35,15 @@ class HoticeError(Exception):
 
 
 class UnknownName(HoticeError):
-    """A name that is not in a table: says which names are, and `otherwise` what else may be given."""
+    """A name that is not in a table: says which names are, the nearest one, and `otherwise` what else may be given."""
 
     def __init__(self, kind: str, name: object, known: Iterable[object], otherwise: str = "") -> None:
-        names = ", ".join(sorted(map(str, known))) or "none"
-        super().__init__(f"unknown {kind} {name!r}: known are {names}{f', or {otherwise}' if otherwise else ''}")
+        from difflib import get_close_matches
+
+        known = sorted(map(str, known))
+        near = "".join(f", did you mean {each}?" for each in get_close_matches(str(name)[:80], known, 1, 0.75))
+        names = ", ".join(known) or "none"
+        super().__init__(f"unknown {kind} {name!r}{near}: known are {names}{f', or {otherwise}' if otherwise else ''}")
 
 
 class InvalidScene(HoticeError):

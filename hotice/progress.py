@@ -62,14 +62,19 @@ def doing(what: str) -> Iterator[Callable[[str], None]]:
 
 
 @contextlib.contextmanager
-def lines(text: Callable[[], str]) -> Iterator[None]:
-    """Prints `text()` and the time so far on standard error now and then, from a thread of its own."""
+def lines(text: Callable[[], str], first_s: float | None = None, every_s: float | None = None) -> Iterator[None]:
+    """Prints `text()` and the time so far on standard error now and then, from a thread of its own.
+
+    `first_s`, `every_s`: time until the first line and between lines, `EVERY_S` each where not given.
+    """
     from hotice.console import PlainConsole
 
     console, begin, over = PlainConsole(stderr=True), time.monotonic(), threading.Event()
 
     def talk() -> None:
-        while not over.wait(EVERY_S):
+        wait_s = EVERY_S if first_s is None else first_s
+        while not over.wait(wait_s):
+            wait_s = EVERY_S if every_s is None else every_s
             console.print(f"{text()}, {time.monotonic() - begin:.0f} s", soft_wrap=True)
 
     thread = threading.Thread(target=talk, daemon=True)
