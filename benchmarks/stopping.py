@@ -157,7 +157,7 @@ def walking(number: int) -> list[Moment]:
 
 
 def pushed_over(controller: str, number: int) -> list[Moment]:
-    """Moments of falls: when FALLING would be answered, and at 60 degrees; pushes that do not end there are left out."""
+    """Moments of falls: when FALLING would be answered, and at 60 degrees; other pushes are left out."""
     found, name = [], {"hold": "standing", "policy": "walking"}[controller]
     for k in range(number):
         watched = Watched(controller, k)
