@@ -10,6 +10,7 @@ __all__ = [
     "CarryInfeasible",
     "CheckpointError",
     "DivergedError",
+    "FieldsNotBuilt",
     "HoticeError",
     "InputError",
     "InvalidConfig",
@@ -60,6 +61,10 @@ class InvalidState(HoticeError):
 
 class UnreachableGoal(HoticeError):
     """A scene in which no free path joins start and goal; says why."""
+
+
+class FieldsNotBuilt(HoticeError):
+    """Fields of a scene that changes are not to be had: not in time, not of this scene, or their process has ended."""
 
 
 class CarryInfeasible(HoticeError):
