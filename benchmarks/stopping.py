@@ -120,9 +120,7 @@ class Watched:
 
     def __init__(self, controller: str, seed: int) -> None:
         # nothing of the station's own stops it
-        never = SafetyLimits(
-            tilt_rad=np.pi, falling_rad=np.pi, gyro_rad_s=99.0, joint_speed_rad_s=99.0, joint_margin_rad=9.0
-        )
+        never = SafetyLimits(tilt_rad=np.pi, falling_rad=np.pi, gyro_rad_s=99.0, joint_speed_rad_s=99.0)
         config = StationConfig(seed=seed, physics_dt_s=DT_S, safety=never)
         self.station, self.time_s, self.speeds = make_station(config, controller=controller), 0.0, [0.0]
         self.simulator, self.plant = Simulator(self.station), self.station.GetSubsystemByName("plant")
@@ -159,7 +157,7 @@ def walking(number: int) -> list[Moment]:
 
 
 def pushed_over(controller: str, number: int) -> list[Moment]:
-    """Moments of falls: when FALLING would be answered, and at 60 degrees; of pushes that do not end there, none."""
+    """Moments of falls: when FALLING would be answered, and at 60 degrees; other pushes are left out."""
     found, name = [], {"hold": "standing", "policy": "walking"}[controller]
     for k in range(number):
         watched = Watched(controller, k)

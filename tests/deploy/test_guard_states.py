@@ -120,6 +120,9 @@ def test_silence():
     # 50 ms are at the limit, which the sums of the clock may pass by a rounding error
     assert bench.ticks(2) is Mode.DAMPING and bench.guard.cause is Cause.STATE_AGE
     assert bench.robot.command().record["motor_cmd"]["kd"][0] == DAMPING_KD
+    # a fault that gets worse is told again: what brakes is among the faults, not only a change of mode
+    told = [e.text.split(":")[0] for e in bench.events if e.cause is Cause.STATE_AGE and "state is" in e.text]
+    assert told == ["warn", "damping", told[-1]] and bench.events[-1].mode is Mode.DAMPING
     warned = [e for e in bench.events if e.text.startswith("warn: state is")]
     assert len(warned) == 1 and warned[0].time_s - (bench.clock.now() - 26 * DT_S) == pytest.approx(0.02, abs=2.1e-3)
 

@@ -66,7 +66,7 @@ class Known:
     def __init__(self, robot):
         self.robot, self.disputed = robot, False
 
-    def update(self, state, now_s):
+    def update(self, state, now_s, state_s=None):
         if self.robot is None:
             return None
         percept = PerceptModel(self.robot.carried)(*self.robot.to_mujoco(29))

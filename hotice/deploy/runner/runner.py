@@ -101,7 +101,9 @@ class RobotRunner:
         if status is None:
             return
         mode = Mode(int(status["mode"]))
-        estimate = self._estimator.update(status["state"], began_s) if status["sequence"] else None
+        estimate = None
+        if status["sequence"]:
+            estimate = self._estimator.update(status["state"], began_s, float(status["received_s"]))
         self.estimate = estimate
         if mode is Mode.HOLD or mode not in DRIVEN:
             # who stands or hangs is seen by the operator, whose key goes on

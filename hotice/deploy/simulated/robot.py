@@ -28,6 +28,7 @@ from hotice.deploy.simulated.senses.localization import Localization, MapPlace
 from hotice.deploy.simulated.senses.states import StateWriter
 from hotice.deploy.simulated.senses.tag_sight import CORNER_PX, LATENCY_S, TagSight
 from hotice.deploy.simulated.start import hang
+from hotice.deploy.simulated.story import Story
 from hotice.deploy.simulated.suffering import Suffering
 from hotice.deploy.simulated.world import STEP_S, World
 from hotice.deploy.sources.protocol import Sender
@@ -64,7 +65,8 @@ class SimulatedRobot:
     Attributes:
         world: robot, object and scene. remote: its gamepad. gantry: what holds or steadies it. handing: the object.
         states: what it says of itself, its battery too. localization, sight: its sources, None without a sender.
-        steps: how many it has lived.
+        story: what happened to it so far.
+        steps: how many it has lived. epoch_s: its start on the clock by which its sources stamp [s].
     """
 
     def __init__(
@@ -91,7 +93,7 @@ class SimulatedRobot:
         Raises:
             HoticeError: no such scene, or a box that it cannot hold, or too small for tags
         """
-        self.config, self.end, self.steps = config, end, 0
+        self.config, self.end, self.steps, self.epoch_s = config, end, 0, 0.0
         protocol = get_protocol("robot")
         self.world = World(
             carry or solve_carry(config.carried),
@@ -113,6 +115,7 @@ class SimulatedRobot:
         self._open_senses(pose, tags, drawn)
         self._due: deque[tuple[float, MotorCommand]] = deque()
         self._heard = 0
+        self.story = Story()
         self._keys_before: frozenset[str] = frozenset()
         self._presses = deque(sorted(config.presses, key=lambda press: press.from_s))
 
@@ -191,7 +194,8 @@ class SimulatedRobot:
         self._suffering.of_sources(self.time_s, self.localization, self.sight)
         for sensor in (self.localization, self.sight):
             if sensor is not None:
-                sensor.live(self.time_s)
+                sensor.live(self.time_s, self.epoch_s + self.time_s)
+        self.story.see(self)
 
     def _hear(self) -> None:
         received = self.end.command()

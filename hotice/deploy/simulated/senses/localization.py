@@ -68,8 +68,8 @@ class Localization:
         self.lost = self.frozen = self.nan = False
         self.offset_m, self.turn_rad = 0.0, 0.0
 
-    def live(self, time_s: float) -> None:
-        """Measures if it is time, and sends what is due. Raises `LinkError`."""
+    def live(self, time_s: float, stamp_s: float | None = None) -> None:
+        """Measures if it is time, and sends what is due; `stamp_s`: now on the sender's clock. Raises `LinkError`."""
         if self._posting.due(time_s):
             position, quat = self._measure(time_s)
             if self.frozen:
@@ -78,7 +78,12 @@ class Localization:
                 self._frozen = None
             if self.nan:
                 position = position * np.nan
-            sample = PoseSample(number=self._posting.number, measured_s=time_s, p_ML=position, quat_ML=quat)
+            sample = PoseSample(
+                number=self._posting.number,
+                measured_s=time_s if stamp_s is None else stamp_s,
+                p_ML=position,
+                quat_ML=quat,
+            )
             self._posting.post(sample.encode(), time_s, lost=self.lost)
         self._posting.send(time_s)
 
