@@ -22,6 +22,7 @@ from hotice.deploy.simulated.handing import Handing
 from hotice.deploy.simulated.lidar_map import map_in_scene
 from hotice.deploy.simulated.mishaps import Mishaps
 from hotice.deploy.simulated.motors import LIMP, MotorCommand
+from hotice.deploy.simulated.moving import Moving
 from hotice.deploy.simulated.outgoing_states import OutgoingStates
 from hotice.deploy.simulated.remote import SimulatedRemote
 from hotice.deploy.simulated.senses.localization import Localization, MapPlace
@@ -116,6 +117,7 @@ class SimulatedRobot:
         self._due: deque[tuple[float, MotorCommand]] = deque()
         self._heard = 0
         self.story = Story()
+        self._moving = Moving(self.world, config.moves)
         self._keys_before: frozenset[str] = frozenset()
         self._presses = deque(sorted(config.presses, key=lambda press: press.from_s))
 
@@ -186,6 +188,7 @@ class SimulatedRobot:
         self._help()
         self.gantry.act()
         self.handing.act()
+        self._moving.act(self.time_s, self.told)
         self.world.step()
         self.steps += 1
         self._suffering.of_states(self.time_s, self.states, self.remote)
