@@ -64,7 +64,7 @@ class SimulatedRobotConfig:
     """Keys of the gamepad pressed for 0.2 s, or longer: KEYS@STARTs, or KEYS@STARTs+DURATIONs, for example L2+B@4s."""
     move: tuple[str, ...] = ()
     """Joints that somebody moves by hand, there and back within 2 s, for `hotice robot-check --joints`: JOINT@STARTs,
-    or all@STARTs for each in turn. Until the last one all others are kept still, as a real robot's gears would keep them."""
+    or all@STARTs for each in turn. Until the last one all others are kept still, as a real robot's gears keep them."""
     seed: int = 0
     """Seed of noise, delays, the drawn robot and faults."""
 
