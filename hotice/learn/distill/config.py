@@ -45,8 +45,7 @@ class DistillConfig(TrainConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.teachers and self.generalist is None:
-            raise InvalidConfig("no teachers: runs of specialists (teachers), of a generalist, or both are needed")
+        self._check_teachers()
         checks.whole("aggregate", self.aggregate, Range(least=1, most=64, unit="rollouts"))
         checks.number("exploration", self.exploration, checks.SHARE)
         usual = PpoConfig()
@@ -56,6 +55,10 @@ class DistillConfig(TrainConfig):
                     f"{name} is {getattr(self.ppo, name)}: distillation does not use it, leave it out "
                     f"({', '.join(PPO_ALONE)} are of dual PPO)"
                 )
+
+    def _check_teachers(self) -> None:
+        if not self.teachers and self.generalist is None:
+            raise InvalidConfig("no teachers: runs of specialists (teachers), of a generalist, or both are needed")
 
     def begins_from(self) -> tuple[Path, ...]:
         generalist = () if self.generalist is None else (self.generalist,)
