@@ -77,6 +77,10 @@ def _run(argv: list[str]) -> int:
         from hotice.commands import scene as scene_commands
 
         return scene_commands.main(argv[1:])
+    if argv[:1] == ["pickup"]:
+        from hotice.commands.picks import group
+
+        return group.main(argv[1:])
     if argv[:2] == ["deploy", "replay"]:
         from hotice.commands.deploy import replay
 

@@ -168,6 +168,11 @@ def scene() -> int:
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
 
 
+def pickup() -> int:
+    """Plan, learn and score pick-ups: see `hotice pickup --help`."""
+    raise AssertionError("hotice.commands.program hands this group to hotice.commands.picks")
+
+
 def _train(kind: Callable[[Any], Runner], config: TrainConfig) -> int:
     """Trains; first of all, whether the run can be written to its folder, and no other process does so."""
     from hotice.learn import distributed
@@ -198,4 +203,5 @@ COMMANDS = {
     "robot-check": robot_check,
     "deploy": deploy,
     "scene": scene,
+    "pickup": pickup,
 }

@@ -20,7 +20,7 @@ class PickDistillConfig(DistillConfig):
     out: Path = Path("runs/pickup")
     """Folder of the run: checkpoints, TensorBoard events, configuration."""
     picks: Path | None = None
-    """Book of picks, made by `hotice picks`: what is picked where, and what the teacher follows."""
+    """Book of picks, made by `hotice pickup plan`: what is picked where, and what the teacher follows."""
     teacher_updates: tuple[int, int] = (8, 40)
     """Updates until which the teacher alone acts, and from which on the student alone does; in between the share of
     robots that the student drives grows."""
@@ -49,7 +49,7 @@ class PickDistillConfig(DistillConfig):
 
     def _check_teachers(self) -> None:
         if self.picks is None:
-            raise InvalidConfig("no picks: a book of picks is needed, make one with `hotice picks`")
+            raise InvalidConfig("no picks: a book of picks is needed, make one with `hotice pickup plan`")
         if self.teachers or self.generalist is not None:
             raise InvalidConfig("teachers are given: of a pick-up the book is the teacher, leave them out")
 

@@ -13,16 +13,14 @@ import torch
 from torch import Tensor
 
 from hotice.files import read_bytes
-from hotice.learn import distributed
 from hotice.learn.distill.dagger import Dagger, DistillRunner
 from hotice.learn.distill.labels import Labels, ReplayBuffer
 from hotice.learn.distill.pick_config import PickDistillConfig
+from hotice.learn.train.pickup import pickup_env
 from hotice.learn.train.runner import Runner
-from hotice.model.picks.book import MAX_BYTES, PickBook
+from hotice.model.picks.book import MAX_BYTES
 from hotice.sim.observations import mirror_action
-from hotice.sim.physics.threads import use_threads
 from hotice.sim.pickup.env import PickUpEnv
-from hotice.task import pickup
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,25 +31,6 @@ class BookTeacher:
     sources: dict[str, str]
 
 
-def pickup_env(config: PickDistillConfig) -> PickUpEnv:
-    """The environment of a run. Raises `InvalidState` for a file that is no book of picks."""
-    assert config.picks is not None
-    use_threads(config.threads)
-    seed = config.seed + distributed.SEED_STRIDE * distributed.rank()
-    task = pickup.perturbed(config.task) if config.perturbed else config.task
-    book = PickBook.load(config.picks)
-    return PickUpEnv(
-        config.num_envs,
-        book,
-        config.preset,
-        config.torch_device(),
-        config.physics,
-        seed,
-        config=task,
-        threads=config.threads,
-    )
-
-
 class PickDistillRunner(DistillRunner):
     """Trains a student of a book of picks."""
 
@@ -59,7 +38,7 @@ class PickDistillRunner(DistillRunner):
     env: PickUpEnv  # type: ignore[assignment]
 
     def __init__(self, config: PickDistillConfig, env: PickUpEnv | None = None) -> None:
-        super().__init__(config, env or pickup_env(config))  # type: ignore[arg-type]
+        super().__init__(config, env or pickup_env(config, config.picks))  # type: ignore[arg-type]
 
     def _spread(self) -> None:
         self.env.spread()

@@ -154,6 +154,8 @@ class PickUpEnv(BatchEnv):
         self.action_scale = torch.tensor(cfg.action_scale, dtype=torch.float32, device=self.device)
         self.unstable = self.invalid_actions = 0
         self.restarts = True
+        self.in_turn = False
+        """Whether each robot has a pick of its own, in the order of the book (evaluation); else any is drawn."""
         self._kp = torch.tensor(g1.gains()[0], dtype=torch.float32, device=self.device)
         self._stiff, self._damp = (torch.tensor(g, dtype=torch.float32, device=self.device) for g in balance_gains())
 
@@ -202,7 +204,10 @@ class PickUpEnv(BatchEnv):
 
     def _start(self, ids: Tensor) -> None:
         m, n = self.memory, len(ids)
-        m.model[ids] = torch.randint(0, len(self.carry.models), (n,), generator=self.generator, device=self.device)
+        if self.in_turn:
+            m.model[ids] = ids % len(self.carry.models)
+        else:
+            m.model[ids] = torch.randint(0, len(self.carry.models), (n,), generator=self.generator, device=self.device)
         self.starter.write(self, ids, m.model[ids], self.generator)
         self.held[ids] = self.carry.course_target[m.model[ids], 0]
         m.action, m.last_action = m.action.clone(), m.last_action.clone()
