@@ -13,7 +13,7 @@ import torch
 from hotice.errors import InvalidConfig
 from hotice.model import g1
 from hotice.model.dynamics import ROBOT_NOMINAL
-from hotice.model.picks.book import PickBook, balance
+from hotice.model.picks.book import TRACK_PLACE, TRACK_RATE, PickBook, balance
 from hotice.sim.observations import mirror_action
 from hotice.sim.pickup.env import LEAN_HZ, STIFFER, PickUpEnv
 from hotice.sim.pickup.snapshot import half_span
@@ -22,6 +22,7 @@ from hotice.task import rules
 from hotice.task.config import TaskConfig
 from hotice.task.pickup import LOST_S, perturbed, pickup_task
 from hotice.task.rules import OUTCOMES
+from hotice.task.sensing import SensingConfig
 
 BOOK = Path(__file__).parent / "data" / "picks.npz"
 
@@ -145,6 +146,30 @@ def test_the_objects_pose_is_off_by_what_was_drawn_and_rests_while_it_is_lost(bo
         losses += (env.sensors.lost > 0).float()
     assert 0.02 < float(losses.mean()) / 50 < 0.25
     assert float(off().mean()) < 0.6 * float(first.mean())
+
+
+def test_the_felt_offset_is_that_of_encoders_and_tilt(book):
+    """Without noise the truth, filtered by hand; an encoder that is off moves it by the lever of its joint."""
+    sensing = SensingConfig(action_delay_s=0.005)
+    env = PickUpEnv(2, book, config=replace(pickup_task(TaskConfig()), sensing=sensing), threads=1)
+    env.reset()
+    place, rate = env.snapshot().offset, torch.zeros(2, 2)
+    for _ in range(20):
+        env.step(env.label())
+        foreseen = place + 0.02 * rate
+        off = env.snapshot().offset - foreseen
+        place, rate = foreseen + TRACK_PLACE * off, rate + TRACK_RATE / 0.02 * off
+        np.testing.assert_allclose(env.sensors.felt, torch.cat([place, rate], dim=1), atol=2e-4)
+    s, ids = env.snapshot(), env.everyone
+    env.sensors.age[:] = 0
+    moved = {}
+    for joint in ("hip_pitch", "ankle_pitch"):
+        wrong = torch.zeros(2, 20)
+        wrong[:, [g1.ACTION_JOINTS.index(f"{side}_{joint}_joint") for side in g1.SIDES]] = 0.02
+        env.sensors.age[:] = 0
+        moved[joint] = float((env.sensors.measure(s, ids, wrong, env.generator).felt - s.felt)[:, 0].abs().max())
+    # the hip moves both feet by its lever, the ankle no more than the sole's own point
+    assert 0.009 < moved["hip_pitch"] < 0.016 and moved["ankle_pitch"] < 0.003
 
 
 def test_what_no_robot_knows_is_not_in_the_observation(book):

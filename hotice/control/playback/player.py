@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from hotice.errors import InvalidState
 from hotice.model import builder, g1
 from hotice.model.frames import quat_from_axis_angle, quat_mul
-from hotice.model.picks.book import BOOK_PHASES, DT_S, PickBook, balance
+from hotice.model.picks.book import BOOK_PHASES, DT_S, TRACK_PLACE, TRACK_RATE, PickBook, balance
 
 Array = NDArray[np.float64]
-TRACK_PLACE, TRACK_RATE = 0.3, 0.05
-"""Gains of the alpha-beta filter of the pelvis' offset: encoders and IMU are noisy, and a rate of raw differences would
-be noise alone."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -94,6 +94,7 @@ class PickUpEnv(BatchEnv):
     """
 
     memory: PickMemory
+    sensors: PickSensors
 
     def __init__(
         self,
@@ -150,7 +151,7 @@ class PickUpEnv(BatchEnv):
             self.policy_table.columns(KNOWN).to(self.device),
             self.layout.chains,
         )
-        self.sensors.lost = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
+        self.sensors.begin()
         self.action_scale = torch.tensor(cfg.action_scale, dtype=torch.float32, device=self.device)
         self.unstable = self.invalid_actions = 0
         self.restarts = True

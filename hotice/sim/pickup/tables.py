@@ -69,6 +69,12 @@ POLICY: tuple[Observation, ...] = (
     _OWN["object_size"],
     Observation("object_mass", lambda s: 0.5 * s.told, same(1), "mass as told, × 0.5"),
     Observation("support", lambda s: 5.0 * (s.top[:, None] - 0.6), same(1), "height of the support over 0.6 m, × 5"),
+    Observation(
+        "felt",
+        lambda s: torch.cat([10.0 * s.felt[:, :2], s.felt[:, 2:]], dim=1),
+        chain(_PLANE, _PLANE),
+        "pelvis from the plan over the feet, × 10, and its rate, from encoders and tilt",
+    ),
     Observation("wrists", lambda s: s.wrist, _WRISTS, "six angles of the locked wrists"),
 )
 KNOWN = ("last_action", "clock", "carry_pos", "object_size", "object_mass", "support", "wrists", "history")
