@@ -12,10 +12,11 @@ import time
 
 import mujoco
 import numpy as np
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.arguments import a_count, a_seed
+from hotice.console import PlainConsole
 from hotice.errors import CarryInfeasible
 from hotice.model import CarryState, ObjectRange, builder, solve_carry
 from hotice.model.carry import Posture
@@ -62,8 +63,8 @@ def hold(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--objects", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--objects", type=a_count, default=100)
+    parser.add_argument("--seed", type=a_seed, default=0)
     parser.add_argument(
         "--fine", action="store_true", help="2 ms steps and elliptic cones instead of training settings"
     )
@@ -98,7 +99,7 @@ def main() -> None:
         table.add_row(
             shape, str(len(mine)), str(int((mine < 100).sum())), f"{np.median(mine):.1f}", f"{mine.max():.1f}"
         )
-    console = Console()
+    console = PlainConsole()
     console.print(table)
     console.print(
         f"held {held}/{args.objects}; infeasible {len(infeasible)}; solve {1e3 * np.mean(solve_s):.0f} ms mean"

@@ -15,10 +15,11 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from benchmarks.arguments import a_count, a_seed
+from hotice.console import PlainConsole
 from hotice.fields import FieldBank
 from hotice.model import (
     Box,
@@ -114,7 +115,7 @@ def fcl_loop(checker: CollisionChecker, state: RobotState) -> Callable[[], np.nd
     return lambda: np.array([fcl.distance(a, b, request, fcl.DistanceResult()) for a, b in pairs])
 
 
-def time_queries(console: Console, seed: int) -> bool:
+def time_queries(console: PlainConsole, seed: int) -> bool:
     """Prints the speed table; whether the bar holds."""
     rng = np.random.default_rng(seed)
     state = RobotState.from_carry(solve_carry(OBJECTS[0]))
@@ -173,7 +174,7 @@ def random_qpos(states: list[CarryState], which: np.ndarray, rng: np.random.Gene
     return qpos
 
 
-def compare_cover(count: int, seed: int, console: Console) -> tuple[np.ndarray, np.ndarray]:
+def compare_cover(count: int, seed: int, console: PlainConsole) -> tuple[np.ndarray, np.ndarray]:
     """Exact distance and clearance of the cover in `count` states, (count, 2) each: robot, object [m]."""
     rng = np.random.default_rng(seed)
     states = carry_states()
@@ -205,7 +206,7 @@ def compare_cover(count: int, seed: int, console: Console) -> tuple[np.ndarray, 
     return exact, cover
 
 
-def print_cover(exact: np.ndarray, cover: np.ndarray, console: Console) -> bool:
+def print_cover(exact: np.ndarray, cover: np.ndarray, console: PlainConsole) -> bool:
     """Prints misses by depth and false alarms by clearance; whether the bar holds."""
     table = Table(title=f"sphere cover against exact geometry, {len(exact):,} random states")
     bins_mm = (0.0, 2.5, 5.0, 7.5, 10.0, np.inf)
@@ -233,11 +234,11 @@ def print_cover(exact: np.ndarray, cover: np.ndarray, console: Console) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--states", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--states", type=a_count, default=10_000)
+    parser.add_argument("--seed", type=a_seed, default=0)
     args = parser.parse_args()
     torch.set_num_threads(1)
-    console = Console(width=None if Console().is_terminal else 130)
+    console = PlainConsole(width=None if PlainConsole().is_terminal else 130)
     fast = time_queries(console, args.seed)
     close = print_cover(*compare_cover(args.states, args.seed, console), console)
     return 0 if fast and close else 1

@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import mujoco
 
+from benchmarks.arguments import a_count
 from hotice.learn import load_policy
 from hotice.model import builder, g1
 from hotice.model.shipped import resolve_scenes
@@ -69,8 +70,8 @@ VARIANTS: dict[str, Callable[[mujoco.MjModel], None]] = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--num-envs", type=int, default=384)
-    parser.add_argument("--steps", type=int, default=40)
+    parser.add_argument("--num-envs", type=a_count, default=384)
+    parser.add_argument("--steps", type=a_count, default=40)
     parser.add_argument("--physics-dt-s", type=float, default=0.005)
     parser.add_argument("--variant", choices=VARIANTS, nargs="*", default=[])
     args = parser.parse_args()

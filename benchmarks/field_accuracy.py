@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from hotice.console import PlainConsole
 from hotice.fields import FieldParams, build_hod_pf
 from hotice.fields.geodesic.fast_marching import solve_geodesic
 from hotice.fields.grid import Grid
@@ -190,7 +190,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--resolutions", type=float, nargs="+", default=[0.08, 0.04, 0.02], metavar="METRES")
     sizes = sorted(parser.parse_args().resolutions, reverse=True)
-    console = Console(width=150)
+    console = PlainConsole(width=150)
     table = Table(title="errors against closed forms (smooth: 15 cm from goal, bends, obstacles and shadow lines)")
     columns = (
         "case",

@@ -23,10 +23,11 @@ from pathlib import Path
 import numpy as np
 import skfmm
 import torch
-from rich.console import Console
 from rich.table import Table
 from scipy import ndimage
 
+from benchmarks.arguments import a_count
+from hotice.console import PlainConsole
 from hotice.fields import FieldBank, build_hod_pf
 from hotice.fields.volumes import NODE_BYTES
 from hotice.model import Scene, load_scene, shipped_scenes
@@ -121,7 +122,7 @@ def storing(table: Table, scenes: int, folder: Path) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", type=int, default=256)
+    parser.add_argument("--scenes", type=a_count, default=256)
     parser.add_argument("--cache", type=Path, help="folder of solved scenes (default: a new, temporary one)")
     args = parser.parse_args()
     table = Table(title=f"fields on {torch.get_num_threads()} threads")
@@ -129,7 +130,7 @@ def main() -> int:
         table.add_column(column, justify="left" if column == "what" else "right")
     with tempfile.TemporaryDirectory() as temporary:
         passed = [building(table), sampling(table), storing(table, args.scenes, args.cache or Path(temporary))]
-    console = Console()
+    console = PlainConsole()
     console.print(table)
     for name, ok in zip(("building", "sampling", "memory"), passed, strict=True):
         if not ok:

@@ -15,11 +15,12 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
 import numpy as np
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.arguments import a_count, a_seed
 from benchmarks.carry import hold
+from hotice.console import PlainConsole
 from hotice.errors import CarryInfeasible
 from hotice.model import CarryState, ObjectRange, solve_carry
 from hotice.model.carry import Posture
@@ -61,14 +62,14 @@ def equal_friction(friction: np.ndarray, slip: np.ndarray, wanted: float) -> flo
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--objects", type=int, default=30)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--objects", type=a_count, default=30)
+    parser.add_argument("--seed", type=a_seed, default=0)
     parser.add_argument("--steps-ms", type=float, nargs="+", default=[5.0])
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=a_count, default=2)
     args = parser.parse_args()
     runs = [(shape, FINE_S, True, f) for shape, f in product(SHAPES, FINE)]
     runs += [(shape, ms / 1e3, False, f) for shape, ms, f in product(SHAPES, args.steps_ms, COARSE)]
-    console = Console(width=120)
+    console = PlainConsole(width=120)
     with ProcessPoolExecutor(args.workers) as pool:
         futures = [pool.submit(slips, *run, args.objects, args.seed) for run in runs]
         found = {run: f.result() for run, f in zip(track(runs, "holding", console=console), futures, strict=True)}

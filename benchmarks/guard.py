@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.arguments import a_count, from_zero
 from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.guard.config import GuardConfig
 from hotice.deploy.guard.loop import EDGES_MS, Lateness, run_loop
@@ -286,9 +287,9 @@ def stage(slot: str, domain: int | None = None) -> Iterator[Stage]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--stops", type=int, default=100, help="trials of each cause")
+    parser.add_argument("--stops", type=a_count, default=100, help="trials of each cause")
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the run for rate and lateness")
-    parser.add_argument("--dds", type=int, default=None, metavar="DOMAIN", help="robot over loopback in this domain")
+    parser.add_argument("--dds", type=from_zero, default=None, metavar="DOMAIN", help="of the robot over loopback")
     parser.add_argument("--json", type=Path, default=None, help="where to write the figures")
     parser.add_argument("--role", choices=ROLES, default=None, help=argparse.SUPPRESS)
     parser.add_argument("--slot", default=f"benchmark-{os.getpid()}", help=argparse.SUPPRESS)

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from rich.console import Console
 
+from benchmarks.arguments import a_count, a_seed, from_zero
+from hotice.console import PlainConsole
 from hotice.errors import HoticeError
 from hotice.evaluate import success_interval
 from hotice.model import CarriedObject, ObjectRange
@@ -77,14 +78,14 @@ def advance_beyond(station: Station, simulator: Simulator, beyond_s: float) -> N
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=a_count, default=20)
+    parser.add_argument("--seed", type=a_seed, default=0)
     parser.add_argument("--policy", default="student")
     parser.add_argument("--scene", default="open_floor")
     parser.add_argument("--beyond", type=float, default=BEYOND_S, help="seconds after the hand-over")
-    parser.add_argument("--only", type=int, nargs="*", help="numbers of the runs to make")
+    parser.add_argument("--only", type=from_zero, nargs="*", help="numbers of the runs to make")
     args = parser.parse_args()
-    rng, console, begin = np.random.default_rng(args.seed), Console(width=160), time.perf_counter()
+    rng, console, begin = np.random.default_rng(args.seed), PlainConsole(width=160), time.perf_counter()
     draws, good, who, causes = [draw(rng) for _ in range(args.count)], 0, Counter(), Counter()
     chosen = args.only or range(args.count)
     for i in chosen:

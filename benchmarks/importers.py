@@ -17,10 +17,11 @@ import time
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.arguments import a_count
+from hotice.console import PlainConsole
 from hotice.model.frames import quat_from_axis_angle, quat_to_mat
 from hotice.model.importers import ImportOptions, from_points, import_scene
 
@@ -140,11 +141,11 @@ def measure_surfaces() -> Table:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--points", type=int, default=1_000_000)
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--points", type=a_count, default=1_000_000)
+    parser.add_argument("--repeats", type=a_count, default=3)
     arguments = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
-    console = Console()
+    console = PlainConsole()
     table, slow = time_formats(arguments.points, arguments.repeats)
     console.print(table)
     console.print(measure_surfaces())

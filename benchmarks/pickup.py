@@ -17,9 +17,10 @@ from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
-from rich.console import Console
 from rich.progress import track
 
+from benchmarks.arguments import a_count, a_seed, from_zero
+from hotice.console import PlainConsole
 from hotice.control import Measurement, TorquePlant
 from hotice.control.pick_plan import Support
 from hotice.control.pickup import Pickup, Stance
@@ -183,14 +184,14 @@ def off_carry(controller: Pickup, plant: TorquePlant, m: Measurement, stance: St
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shape", choices=SHAPES, default="box")
-    parser.add_argument("--count", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=a_count, default=100)
+    parser.add_argument("--seed", type=a_seed, default=0)
     parser.add_argument("--exact", action="store_true", help="without noise")
-    parser.add_argument("--only", type=int, nargs="*", help="numbers of the trials to run")
+    parser.add_argument("--only", type=from_zero, nargs="*", help="numbers of the trials to run")
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
     trials = [draw(args.shape, rng) for _ in range(args.count)]
-    console, results, begin = Console(width=200), [], time.perf_counter()
+    console, results, begin = PlainConsole(width=200), [], time.perf_counter()
     chosen = args.only or range(args.count)
     for i in track(chosen, description="picking", console=console):
         result = run(trials[i], noisy=not args.exact)

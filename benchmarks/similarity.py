@@ -13,11 +13,11 @@ import argparse
 import time
 
 import numpy as np
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from hotice.commands.unseen import GROUPS, compared
+from hotice.console import PlainConsole
 from hotice.fields import FieldBank, similarity_matrix
 from hotice.learn import load_policy
 from hotice.learn.checkpoints.trained_on import in_words
@@ -28,7 +28,7 @@ BINS = 12
 BAR_WIDTH = 40
 
 
-def of_policy(policy: str, unseen: list[str], console: Console) -> None:
+def of_policy(policy: str, unseen: list[str], console: PlainConsole) -> None:
     """Prints how far unseen scenes are from the training scenes of a policy's record, group by group."""
     wall, cpu = time.perf_counter(), time.process_time()
     result = compared(resolve_scenes(unseen), whole_record(load_policy(policy, threads=1).meta, policy))
@@ -60,7 +60,7 @@ def main() -> None:
     parser.add_argument("--training", nargs="+", default=["train75"])
     parser.add_argument("--policy")
     args = parser.parse_args()
-    console = Console(width=None if Console().is_terminal else 130)
+    console = PlainConsole(width=None if PlainConsole().is_terminal else 130)
     if args.policy is not None:
         of_policy(args.policy, args.unseen, console)
         return

@@ -20,9 +20,10 @@ from typing import Any
 import mujoco
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.arguments import a_count
+from hotice.console import PlainConsole
 from hotice.files import write_text
 from hotice.model import g1, load_scene
 from hotice.model.joint_limits import torque_limits
@@ -176,11 +177,11 @@ def mark(good: bool) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=8.0, help="simulated in each run")
-    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--rounds", type=a_count, default=7)
     parser.add_argument("--controllers", action="store_true", help="also pick-up and walk")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
-    console = Console(width=None if Console().is_terminal else 120)
+    console = PlainConsole(width=None if PlainConsole().is_terminal else 120)
     runs = {
         "policy, motor": StationConfig(),
         "policy, motor, beam": StationConfig(scene="beam"),

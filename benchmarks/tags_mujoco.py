@@ -14,6 +14,7 @@ import sys
 import mujoco
 import numpy as np
 
+from benchmarks.arguments import a_count, a_seed
 from benchmarks.tags import CAMERAS, MIDDLE_BOX, MOST_DEG, MOST_MM, UP, X_PC, angle_deg, carried_at, carry_pose
 from hotice.deploy.frames import Pose
 from hotice.deploy.tags import BoxPoser, TagDetector, TagFace, box_bundle
@@ -84,8 +85,8 @@ def exposed(rendered: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--pictures", type=a_count, default=40)
+    parser.add_argument("--seed", type=a_seed, default=1)
     args = parser.parse_args()
     opencv().setNumThreads(1)
     rng, bundle = np.random.default_rng(args.seed), box_bundle(MIDDLE_BOX)

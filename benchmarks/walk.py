@@ -14,9 +14,10 @@ import argparse
 import warnings
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.arguments import a_count, a_seed
+from hotice.console import PlainConsole
 from hotice.control import TorquePlant
 from hotice.control.walk import WalkConfig
 from hotice.errors import HoticeError
@@ -66,14 +67,14 @@ def category(name: str) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rollouts", type=int, default=100, help="trials on the open floor")
+    parser.add_argument("--rollouts", type=a_count, default=100, help="trials on the open floor")
     parser.add_argument("--scenes", nargs="*", default=["bench20"])
-    parser.add_argument("--scene-rollouts", type=int, default=5, help="trials a scene")
+    parser.add_argument("--scene-rollouts", type=a_count, default=5, help="trials a scene")
     parser.add_argument("--horizon", type=float, default=12.0, help="longest trial [s]")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=a_seed, default=0)
     parser.add_argument("--fine", action="store_true", help="2 ms steps and elliptic cones")
     args = parser.parse_args()
-    console, config = Console(width=150), WalkConfig()
+    console, config = PlainConsole(width=150), WalkConfig()
     rng, ranges = np.random.default_rng(args.seed), ObjectRange()
     states: list[CarryState] = []
     while len(states) < max(args.rollouts, args.scene_rollouts):
@@ -100,7 +101,7 @@ def main() -> None:
     report(console, results, args.horizon)
 
 
-def report(console: Console, results: dict[str, list[Trial]], horizon_s: float) -> None:
+def report(console: PlainConsole, results: dict[str, list[Trial]], horizon_s: float) -> None:
     """Two tables: by scene at 5 s and at the horizon, and by category."""
     groups = {}
     for name, trials in results.items():

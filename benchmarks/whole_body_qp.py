@@ -16,10 +16,11 @@ import copy
 import time
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.arguments import a_count
 from benchmarks.pickup import NEAR_M, Trial, run
+from hotice.console import PlainConsole
 from hotice.control.pick_plan import Grip, Support
 from hotice.control.whole_body import SOLVERS, QpConfig, WholeBodyQp
 from hotice.model import Box
@@ -65,7 +66,7 @@ def main() -> None:
     parser.add_argument(
         "--solver", type=solver, nargs="+", default=[solver(s) for s in ("proxqp", "osqp", "osqp:1e-4")]
     )
-    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--repeat", type=a_count, default=3)
     parser.add_argument("--elapsed", action="store_true", help="elapsed time in place of the time of the process")
     args = parser.parse_args()
     clock = time.perf_counter if args.elapsed else time.process_time
@@ -106,7 +107,7 @@ def main() -> None:
         times = [f"{ms.mean():.3f}", f"{np.median(ms):.3f}", f"{np.percentile(ms, 99):.3f}", f"{ms.max():.2f}"]
         away = f"{np.median(off):.3f}, {np.percentile(off, 99):.2f}"
         table.add_row(label, *times, f"{1e3 * np.mean(assembly):.3f}", away, str(faults))
-    Console(width=150).print(table)
+    PlainConsole(width=150).print(table)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """One formula for NumPy and torch: what lets a function take the arrays of one robot and the tensors of a batch.
 
-Such a function uses operators, methods that both kinds have (`sum`, axes by position), `length` and `clip` from here,
-and names of the Array API standard from `namespace`: `concat`, `stack`, `atan2`, `tanh`.
+Such a function uses operators, methods that both kinds have (`sum`, axes by position), `length`, `clip` and `picked`
+from here, and names of the Array API standard from `namespace`: `concat`, `stack`, `atan2`, `tanh`.
 """
 
 from __future__ import annotations
@@ -20,6 +20,12 @@ def namespace(array: Any) -> Any:
     import torch
 
     return torch
+
+
+def picked(x: Any, index: np.ndarray) -> Any:
+    """Rows `index` (M,) of `x` (..., N, D), (..., M, D); NumPy or torch."""
+    # the same rows, for one robot in a quarter of the time
+    return x.take(index, -2) if isinstance(x, np.ndarray) else x[..., index, :]
 
 
 def length(v: Any) -> Any:

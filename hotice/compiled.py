@@ -19,6 +19,7 @@ import numba
 from numba.core import config
 
 from hotice.caches import NotKept, cache_folder
+from hotice.compiling import COMPILING
 from hotice.errors import OutputError
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -26,6 +27,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 def compiled(function: Callable | None = None, /, **options: Any) -> Any:
     """Decorator: `numba.njit(**options)`, cached. Kept in $NUMBA_CACHE_DIR, else as `hotice.caches` says."""
+    COMPILING.watch()
     if function is None:
         return lambda f: compiled(f, **options)
     folder = _cache_folder()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from hotice.arrays import clip, length, namespace
+from hotice.arrays import clip, length, namespace, picked
 
 
 def test_namespace_is_that_of_the_array():
@@ -35,3 +35,13 @@ def test_one_number_and_one_vector_are_bit_for_bit_what_many_are(kind):
     for size in (2, 3, 20):
         v = rng.normal(size=(50, size)).astype(kind)
         assert np.array([length(row) for row in v]).tobytes() == length(v).tobytes()
+
+
+def test_rows_are_picked_alike():
+    rng, index = np.random.default_rng(2), np.array([0, 0, 3, 1])
+    for x in (rng.normal(size=(4, 3)), rng.normal(size=(5, 4, 3))):
+        expected = np.stack([x[..., i, :] for i in index], axis=-2)
+        np.testing.assert_array_equal(picked(x, index), expected)
+        np.testing.assert_array_equal(picked(torch.from_numpy(x), index), expected)
+        picked(x, index)[:] = 0.0
+        assert x.all(), "a copy"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import math
 
 from rich.table import Table
 
@@ -64,8 +63,7 @@ def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
 
 def _summary(network: NetworkRobot, lateness: Lateness) -> Table:
     robot = network.robot
-    world, counts = robot.world, robot.end.counts()
-    x, y = world.data.qpos[:2]
+    counts = robot.end.counts()
     refused = ", ".join(f"{count} {reason}" for reason, count in sorted(counts.refused.items())) or "none"
     shares = ", ".join(f"{100.0 * lateness.share_below(edge):.2f} % below {edge:g} ms" for edge in SHOWN_MS)
     table = Table("", "", title="simulated robot", show_header=False)
@@ -73,10 +71,7 @@ def _summary(network: NetworkRobot, lateness: Lateness) -> Table:
         ("lived", f"{robot.time_s:.2f} s, {robot.steps} states"),
         ("steps late", f"{shares}; worst {1e3 * lateness.worst_s:.2f} ms, slipped {lateness.slipped_s:.3f} s"),
         ("commands", f"{counts.taken} taken; refused: {refused}"),
-        ("robot and object", robot.failure or "neither fallen nor dropped"),
-        ("object", "given to the robot" if robot.handing.stage == "gone" else robot.handing.stage),
-        ("touched", world.touched or "no obstacle"),
-        ("to the goal", f"{math.hypot(x - world.scene.goal[0], y - world.scene.goal[1]):.2f} m"),
+        *robot.story.in_words(robot),
     ):
         table.add_row(*row)
     return table

@@ -6,14 +6,12 @@ import json
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from hotice import checks
-from hotice.errors import InvalidConfig
+from hotice.evaluate.pick_config import TEACHER, PickEvaluateConfig
 from hotice.evaluate.trials import success_interval
 from hotice.files import write_text
 from hotice.learn.policy import check_layout, load_policy
@@ -26,36 +24,8 @@ from hotice.task.protocols import get_protocol
 from hotice.task.rules import OUTCOMES
 
 FORMAT = "hotice-pickup-report/1"
-TEACHER = "teacher"
-"""Stands for the playback of the book with the true state in sight."""
 BLOCK = 64
 """Trials at a time; what a trial draws depends on the number of its block, not on how many follow."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PickEvaluateConfig:
-    """One evaluation of pick-ups."""
-
-    policy: str = TEACHER
-    """Checkpoint folder, run or .onnx file; `teacher`: the book itself, played back with the true state in sight."""
-    picks: Path = Path("picks.npz")
-    """Book of picks; for fair numbers none that the policy was trained on."""
-    rollouts: int = 100
-    """Trials; the picks of the book in turn."""
-    seed: int = 0
-    """Seed of noise and robots."""
-    perturbed: bool = True
-    """Noise, delays and uncertain dynamics as for students, else the nominal robot of the protocol."""
-    threads: int = 0
-    """Threads of physics and torch; 0: all cores that this process may use."""
-    out: Path | None = None
-    """Report file (JSON)."""
-
-    def __post_init__(self) -> None:
-        checks.whole("rollouts", self.rollouts, checks.COUNT)
-        checks.wholes(self, checks.INT64, "seed", "threads")
-        if self.out is not None and self.out.suffix != ".json":
-            raise InvalidConfig(f"out is {str(self.out)!r}: a .json file is needed")
 
 
 @dataclass(frozen=True, kw_only=True)

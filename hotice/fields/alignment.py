@@ -30,14 +30,18 @@ def residual_cosine(field_W: Any, v_W: Any, c_W: Any, eps: float = 1e-3) -> Any:
 
 def encode(force: Any, scale: float = ENCODE_SCALE, eps: float = 1e-6) -> Any:
     """Unit direction and squashed size tanh(|F| / scale) of forces, (..., 3) -> (..., 4); zeros for a zero force."""
-    xp, size = namespace(force), _length(force)[..., None]
-    return xp.concat([force / (size + eps), xp.tanh(size / scale)], -1)
+    return namespace(force).concat(_encoded(force, scale, eps), -1)
 
 
 def observed(force_Y: Any, distance_m: Any) -> Any:
     """Rows that a policy reads of a field at points: `encode` and the clipped distance, (..., 3), (...) -> (..., 5)."""
     away = DISTANCE_SCALE * clip(distance_m, *CLIP_M)[..., None]
-    return namespace(force_Y).concat([encode(force_Y), away], -1)
+    return namespace(force_Y).concat([*_encoded(force_Y, ENCODE_SCALE, 1e-6), away], -1)
+
+
+def _encoded(force: Any, scale: float, eps: float) -> list[Any]:
+    size = _length(force)[..., None]
+    return [force / (size + eps), namespace(force).tanh(size / scale)]
 
 
 def _length(v: Any) -> Any:

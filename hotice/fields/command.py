@@ -31,11 +31,12 @@ def navigation_command(
     distance = length(offset_W)
     speed = clip(stop_gain_hz * distance, None, speed_m_s)
     # close by, straight at the goal: feet and head disagree
-    near = clip(1.0 - distance / NEAR_M, 0.0)[..., None]
-    straight = offset_W / clip(distance, 1e-6)[..., None]
-    along = c_W[..., :2] / clip(length(c_W[..., :2]), 1e-6)[..., None]
-    blend = (1.0 - near) * along + near * straight
-    horizontal = blend / clip(length(blend), 1e-12)[..., None] * speed[..., None]
+    near = clip(1.0 - distance / NEAR_M, 0.0)
+    along_W = c_W[..., :2]
+    along_W = along_W / clip(length(along_W), 1e-6)[..., None]
+    straight_W = offset_W / clip(distance, 1e-6)[..., None]
+    blend_W = (1.0 - near)[..., None] * along_W + near[..., None] * straight_W
+    horizontal = blend_W / clip(length(blend_W), 1e-12)[..., None] * speed[..., None]
     vertical = c_W[..., 2:] * (speed / speed_m_s)[..., None]
     return namespace(c_W).concat([horizontal, vertical], -1), speed
 

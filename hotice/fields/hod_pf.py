@@ -17,7 +17,7 @@ from hotice.fields.grid import Grid
 from hotice.fields.potential import FieldParams, u_rep
 from hotice.fields.reachability import joins_start
 from hotice.fields.sample import sample_field
-from hotice.fields.volumes import Volumes, solve_scene, stack
+from hotice.fields.volumes import SceneNodes, Volumes, arrange, solve_scene
 from hotice.model.scene import Scene
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ else:
     ArrayOrTensor = TypeVar("ArrayOrTensor")
 
 MAX_MARGIN_M = 1.0
+_ALONE = np.zeros(1, dtype=np.int64)
+"""Index of the only scene."""
 
 
 class UnreachableGoalWarning(UserWarning):
@@ -59,7 +61,7 @@ class GuidanceField:
     def potential(self, p_W: ArrayOrTensor) -> ArrayOrTensor:
         """U_att + U_rep, (..., 3) -> (...) (eqs. 1, 2); where no path leads, of the extended geodesic distance."""
         _, s, geodesic = self._query(p_W)
-        return self.params.attraction * geodesic + u_rep(s, self.params)
+        return self.params.attraction * geodesic + u_rep(s, self.params)  # type: ignore
 
     def signed_distance(self, p_W: ArrayOrTensor) -> ArrayOrTensor:
         """To the field's own (inflated) obstacles, (..., 3) -> (...) [m], negative inside."""
@@ -95,13 +97,13 @@ class GuidanceField:
         if p.dtype not in (np.float32, np.float64):
             p = p.astype(np.float64)
         _check_last_axis(p.shape)
-        flat = np.ascontiguousarray(p).reshape(1, -1, 3)
-        force, s, geodesic = np.empty_like(flat), np.empty_like(flat[..., 0]), np.empty_like(flat[..., 0])
-        ids = np.zeros(1, dtype=np.int64)
-        if flat.size:
-            sample_field(self._volumes, self._index, self.margin_m, self.params, ids, flat, force, s, geodesic)
         lead = p.shape[:-1]
-        return force.reshape(p.shape), s.reshape(lead), geodesic.reshape(lead)  # type: ignore
+        flat = np.ascontiguousarray(p).reshape(1, -1, 3)
+        number = flat.shape[1]
+        force, away = np.empty((1, number, 3), p.dtype), np.empty((2, 1, number), p.dtype)
+        if number:
+            sample_field(self._volumes, self._index, self.margin_m, self.params, _ALONE, flat, force, *away)
+        return force.reshape(p.shape), away[0].reshape(lead), away[1].reshape(lead)  # type: ignore
 
     def _query_torch(self, p_W: Any) -> Any:
         import torch
@@ -166,7 +168,12 @@ def build_hod_pf(
         if not joins_start(scene, nodes.grid, reached):
             message = f"scene {scene.name!r}: no path joins start and goal at margin {margin:g} m (see check_reachable)"
             warnings.warn(message, UnreachableGoalWarning, stacklevel=2)
-    volumes = stack([nodes])
+    return hod_pf_of(scene, nodes, margin_m, params)
+
+
+def hod_pf_of(scene: Scene, nodes: SceneNodes, margin_m: float, params: FieldParams) -> HodPf:
+    """Both fields of nodes that were solved for the margins 0 and `margin_m`."""
+    volumes = arrange([nodes.grid], [nodes.step], nodes.sdf, nodes.geo)
     sgf, ogf = (GuidanceField(volumes, i, nodes.reached[i], margin, params) for i, margin in enumerate((0.0, margin_m)))
     return HodPf(scene, nodes.grid, sgf, ogf, margin_m, params)
 

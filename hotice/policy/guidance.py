@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.fields.command import heading_error, navigation_command
-from hotice.fields.defaults import ETA
 from hotice.fields.hod_pf import HodPf
 from hotice.model import g1
 from hotice.policy.percept import NUM_POINTS, NUM_SGF, Percept
@@ -62,42 +61,43 @@ class FieldReading(NamedVector):
 def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
     """Fields at the keypoints of a percept, and the command that they make."""
     # the environment samples in single precision
-    points = percept.p_WK.astype(np.float32)
-    around = points[:NUM_SGF]
-    if task.scan:
-        looked_at = scan_points(percept.p_WK[_FEET], percept.p_WP, percept.yaw[0])
-        # one query for both costs less than two
-        around = np.concatenate([around, looked_at.astype(np.float32)])
-    carried = np.concatenate([points[NUM_SGF:], percept.p_WOK.astype(np.float32)])
+    p_WK, p_WP, yaw = percept.p_WK, percept.p_WP, percept.yaw[0]
+    # one query for both costs less than two
+    around = (p_WK[:NUM_SGF], scan_points(p_WK.take(_FEET, 0), p_WP, yaw)) if task.scan else (p_WK[:NUM_SGF],)
+    around = np.concatenate(around, dtype=np.float32, casting="same_kind")
+    carried = np.concatenate((p_WK[NUM_SGF:], percept.p_WOK), dtype=np.float32, casting="same_kind")
     sgf, sgf_distance, _ = pf.sgf.query(around)
     ogf, ogf_distance, _ = (pf.ogf if task.object_field == "ogf" else pf.sgf).query(carried)
-    offset_W = pf.scene.goal_W[:2] - percept.p_WP[:2]
+    offset_W = pf.scene.goal - p_WP[:2]
     c_W, speed = navigation_command(
-        sgf[_STEERED].astype(np.float64), offset_W, pf.params.attraction, task.speed_m_s, task.stop_gain_hz
+        sgf.take(_STEERED, 0).astype(np.float64), offset_W, pf.params.attraction, task.speed_m_s, task.stop_gain_hz
     )
     reading = FieldReading(np.empty(FieldReading.SIZE))
-    reading.force_W[:NUM_SGF], reading.force_W[NUM_SGF:] = sgf[:NUM_SGF], ogf
-    reading.distance[:NUM_SGF], reading.distance[NUM_SGF:] = sgf_distance[:NUM_SGF], ogf_distance
+    force_W, distance = reading.force_W, reading.distance
+    force_W[:NUM_SGF], force_W[NUM_SGF:] = sgf[:NUM_SGF], ogf
+    distance[:NUM_SGF], distance[NUM_SGF:] = sgf_distance[:NUM_SGF], ogf_distance
     reading.c_W[:], reading.speed[0] = c_W, speed
-    reading.heading_error[0] = heading_error(c_W, speed, float(percept.yaw[0]), task.speed_m_s)
+    reading.heading_error[0] = heading_error(c_W, speed, float(yaw), task.speed_m_s)
     reading.goal_distance[0] = math.hypot(*offset_W.tolist())
     reading.scan[:] = sgf_distance[NUM_SGF:] if task.scan else 0.0
     return reading
 
 
-def read_standing(reading: FieldReading, percept: Percept, place_W: Array, task: PolicyTask) -> FieldReading:
+def read_standing(
+    reading: FieldReading, percept: Percept, place_W: Array, task: PolicyTask, attraction: float
+) -> FieldReading:
     """The reading of a robot whose goal is where it stands: how a policy that only knows goals is told to stop.
 
     With a command of zero alone it follows the fields on to their goal, and without fields, which it never saw, it
     falls; so the fields lead to `place_W` (3,) [m], at the height of goals, over a free floor. Distances to obstacles
-    stay; what is not finite of them counts as far.
+    stay; what is not finite of them counts as far. `attraction`: eta of the fields that the robot walks by [m/s].
     """
     points = np.concatenate([percept.p_WK, percept.p_WOK])
     to_place = place_W - points
     apart = np.maximum(np.linalg.norm(to_place, axis=1, keepdims=True), 1e-6)
     offset_W = place_W[:2] - percept.p_WP[:2]
-    force_W = ETA * to_place / apart
-    c_W, speed = navigation_command(force_W[_STEERED], offset_W, ETA, task.speed_m_s, task.stop_gain_hz)
+    force_W = attraction * to_place / apart
+    c_W, speed = navigation_command(force_W[_STEERED], offset_W, attraction, task.speed_m_s, task.stop_gain_hz)
     return FieldReading.of(
         force_W=force_W,
         distance=np.where(np.isfinite(reading.distance), reading.distance, FAR_M),

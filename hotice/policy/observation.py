@@ -51,7 +51,7 @@ _FRAME = np.concatenate([np.arange(_ENDS[name] - width, _ENDS[name]) for name, w
 
 def remember(past: Array, observation: NDArray[np.float32]) -> Array:
     """The past (H,) one step later, when `observation` is over; zeros (H,) are the past of the first step."""
-    return np.concatenate([observation[_FRAME], past])[: len(past)].astype(float)
+    return np.concatenate([observation.take(_FRAME), past], dtype=np.float64)[: len(past)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,9 +75,10 @@ def observe(
     `action` (20,) is the last one, `phase` [rad] the step clock of the left leg; `scan`: whether the policy reads the
     scan; `past` (H,): what it read in the steps before, see `remember`.
     """
-    yaw = float(percept.yaw[0])
-    R_WY = rotation_z(yaw)  # v_Y = v_W @ R_WY
-    error = float(reading.heading_error[0])
+    R_WY = rotation_z(float(percept.yaw[0]))  # v_Y = v_W @ R_WY; `dot` is the same in half the time
+    error, p_WP = float(reading.heading_error[0]), percept.p_WP
+    goal = math.tanh(float(reading.goal_distance[0]))
+    clock_and_command = (math.sin(phase), math.cos(phase), *reading.c_W.dot(R_WY).tolist())
     rows = (
         0.25 * percept.w_WP_P,
         percept.gravity_P,
@@ -85,14 +86,12 @@ def observe(
         0.1 * percept.qd,
         carrying.joint_pos,
         action,
-        (math.sin(phase), math.cos(phase)),
-        reading.c_W @ R_WY,
-        (math.sin(error), math.cos(error), math.tanh(float(reading.goal_distance[0]))),
-        (percept.p_WO - percept.p_WP) @ R_WY,
-        (percept.R_WO[:, :2].T @ R_WY).ravel(),
+        (*clock_and_command, math.sin(error), math.cos(error), goal),
+        (percept.p_WO - p_WP).dot(R_WY),
+        percept.R_WO[:, :2].T.dot(R_WY).ravel(),
         5.0 * carrying.half_extents,
-        observed(reading.force_W @ R_WY, reading.distance).ravel(),
+        observed(reading.force_W.dot(R_WY), reading.distance).ravel(),
         *((nearness(reading.scan),) if scan else ()),
         past,
     )
-    return np.concatenate(rows).astype(np.float32)
+    return np.concatenate(rows, dtype=np.float32, casting="same_kind")

@@ -66,35 +66,39 @@ class PerceptModel:
         self.model = builder.build_model(carried, joints=29, floor=False)
         self._data = mujoco.MjData(self.model)
         self._sites = np.array([self.model.site(name).id for name in g1.SGF_KEYPOINTS + g1.OGF_KEYPOINTS])
-        self._pelvis = self.model.body(g1.ROOT_BODY).id
-        self._object = self.model.body(builder.OBJECT_BODY).id
+        pelvis, carried_body = self.model.body(g1.ROOT_BODY).id, self.model.body(builder.OBJECT_BODY).id
         self._p_OK = carried.keypoints()
         self._q, self._qd = 7 + joint_index(20), 6 + joint_index(20)
+        # views of what kinematics write: looking them up costs more than the kinematics do
+        data = self._data
+        self._qpos, self._p_WS = data.qpos, data.site_xpos
+        self._p_WP, self._R_WP = data.xpos[pelvis], data.xmat[pelvis]
+        self._p_WO, self._R_WO = data.xpos[carried_body], data.xmat[carried_body].reshape(3, 3)
 
     def keypoints_at(self, qpos: Array) -> Callable[[Array], Array]:
         """Function from the policy's joints (20,) to keypoints (11, 3) in W [m], all else as in `qpos` (43,)."""
 
         def keypoints(q: Array) -> Array:
-            self._data.qpos[:] = qpos
-            self._data.qpos[self._q] = q
+            self._qpos[:] = qpos
+            self._qpos[self._q] = q
             mujoco.mj_kinematics(self.model, self._data)
-            return self._data.site_xpos[self._sites].copy()
+            return self._p_WS.take(self._sites, 0)
 
         return keypoints
 
     def __call__(self, qpos: Array, qvel: Array) -> Percept:
         """Percept of `RobotState.to_mujoco(29)`: qpos (43,) and qvel (41,)."""
-        data = self._data
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(self.model, data)
-        R_WP, R_WO, p_WO = data.xmat[self._pelvis], data.xmat[self._object].reshape(3, 3), data.xpos[self._object]
+        self._qpos[:] = qpos
+        mujoco.mj_kinematics(self.model, self._data)
+        R_WP, R_WO, p_WO = self._R_WP, self._R_WO, self._p_WO
         percept = Percept(np.empty(Percept.SIZE))
-        percept.p_WP[:] = data.xpos[self._pelvis]
+        percept.p_WP[:] = self._p_WP
         percept.yaw[0] = math.atan2(R_WP[3], R_WP[0])
         np.negative(R_WP[6:], out=percept.gravity_P)
         percept.w_WP_P[:] = qvel[g1.ROOT_RATE]
         percept.q[:], percept.qd[:] = qpos[self._q], qvel[self._qd]
-        percept.p_WK[:] = data.site_xpos[self._sites]
+        percept.p_WK[:] = self._p_WS.take(self._sites, 0)
         percept.p_WO[:], percept.R_WO[:] = p_WO, R_WO
-        percept.p_WOK[:] = p_WO + (self._p_OK if self.carried.keypoints_world_aligned else self._p_OK @ R_WO.T)
+        p_OK = self._p_OK if self.carried.keypoints_world_aligned else self._p_OK.dot(R_WO.T)
+        np.add(p_WO, p_OK, out=percept.p_WOK)
         return percept

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from hotice.fields.defaults import ETA
 from hotice.model.carry import CarryState
 from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.policy import PolicySession, PolicyTask
@@ -53,20 +54,26 @@ class PolicySystem(LeafSystem):
         latency_s: delay of the motors, from an action to its arrival there, at most the control period (the delay
             model is in `hotice.task.sensing`).
         phase_rad: step clock of the left leg at the start, 0 or pi.
+        attraction: eta of the fields that `guidance` comes from [m/s], to which it also stands.
 
     Raises:
         CheckpointError: the policy reads another observation.
     """
 
     def __init__(
-        self, policy: PolicySession, carry: CarryState, latency_s: float = 0.0, phase_rad: float = 0.0
+        self,
+        policy: PolicySession,
+        carry: CarryState,
+        latency_s: float = 0.0,
+        phase_rad: float = 0.0,
+        attraction: float = ETA,
     ) -> None:
         super().__init__()
         self.policy = policy
         self.task = PolicyTask.from_meta(policy.meta, policy.name)
         check_layout(policy.name, policy.layout, layout_of(self.task))
         self._carrying, self._target = Carrying.of(carry), np.asarray(carry.joint_target, dtype=float)
-        self._scale, self._latency = self.task.action_scale, latency_s
+        self._scale, self._latency, self._attraction = self.task.action_scale, latency_s, attraction
         self._phase_step = 2.0 * math.pi * self.task.gait_hz * self.task.control_dt_s
         past = np.zeros(self.task.history * history.FRAME)
         self._rest = (self._target, np.concatenate([np.zeros(NUM_JOINTS), self._target, [phase_rad, -1.0], past]))
@@ -94,29 +101,28 @@ class PolicySystem(LeafSystem):
 
     def observation(self, context: Context) -> NDArray[np.float32]:
         """What the policy would read now; rows as in `hotice.policy.observation.layout_of`."""
-        return self._observe(context, context.get_discrete_state(MEMORY).value(), self._has_to_stand(context))
+        percept, reading = self._inputs(context)
+        if self._has_to_stand(context, reading):
+            reading = self._standing(percept, reading, context.get_discrete_state(PLACE).value())
+        return self._observe(percept, reading, context.get_discrete_state(MEMORY).value())
 
-    def _observe(self, context: Context, memory: Array, stands: bool) -> NDArray[np.float32]:
-        percept, reading = Percept(self._percept.Eval(context)), FieldReading(self._guidance.Eval(context))
-        if stands:
-            place = context.get_discrete_state(PLACE).value()
-            place = self._here(percept) if math.isnan(place[0]) else place
-            reading = read_standing(reading, percept, place, self.task)
+    def _inputs(self, context: Context) -> tuple[Percept, FieldReading]:
+        return Percept(self._percept.Eval(context)), FieldReading(self._guidance.Eval(context))
+
+    def _observe(self, percept: Percept, reading: FieldReading, memory: Array) -> NDArray[np.float32]:
         clock = float(memory[PHASE])
         return observe(percept, reading, self._carrying, memory[ACTION], clock, self.task.scan, memory[PAST])
 
-    def _has_to_stand(self, context: Context) -> bool:
-        guidance = self._guidance.Eval(context)
+    def _standing(self, percept: Percept, reading: FieldReading, place: Array) -> FieldReading:
+        place = self._here(percept) if math.isnan(place[0]) else place
+        return read_standing(reading, percept, place, self.task, self._attraction)
+
+    def _has_to_stand(self, context: Context, reading: FieldReading) -> bool:
         told = self._answer.HasValue(context) and int(self._answer.Eval(context)[0]) == Answer.STOP_WALKING
-        return told or not math.isfinite(guidance.dot(guidance))
+        return told or not math.isfinite(reading.vector.dot(reading.vector))
 
     def _here(self, percept: Percept) -> Array:
         return np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
-
-    def _remember_place(self, context: Context, state: State, stands: bool) -> None:
-        if stands == math.isnan(context.get_discrete_state(PLACE).value()[0]):
-            place = self._here(Percept(self._percept.Eval(context))) if stands else np.full(3, np.nan)
-            state.get_mutable_discrete_state(PLACE).SetFromVector(place)
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
@@ -124,9 +130,14 @@ class PolicySystem(LeafSystem):
                 state.get_mutable_discrete_state(group).SetFromVector(rest)
             return
         memory = state.get_mutable_discrete_state(MEMORY).get_mutable_value()  # still the last step's
-        stands = self._has_to_stand(context)
-        observation = self._observe(context, memory, stands)
-        self._remember_place(context, state, stands)
+        percept, reading = self._inputs(context)
+        stands, place = self._has_to_stand(context, reading), context.get_discrete_state(PLACE).value()
+        if stands == math.isnan(place[0]):
+            remembered = self._here(percept) if stands else np.full(3, np.nan)
+            state.get_mutable_discrete_state(PLACE).SetFromVector(remembered)
+        if stands:
+            reading = self._standing(percept, reading, place)
+        observation = self._observe(percept, reading, memory)
         raw, fault = None, Fault.NONE
         if not math.isfinite(observation.dot(observation)):
             fault = self._fails(state, Fault.OBSERVATION_INVALID, "the observation is not finite")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hotice.arrays import namespace
+from hotice.arrays import clip, namespace, picked
 
 FOOT_AHEAD_M = (-0.25, -0.125, 0.0, 0.125, 0.25, 0.375, 0.5)
 FOOT_HEIGHTS_M = (0.02, 0.12)
@@ -45,13 +45,14 @@ def scan_points(feet_W: Any, p_WP: Any, yaw: Any) -> Any:
     """
     xp = namespace(p_WP)
     offsets = OFFSETS_M if xp is np else xp.as_tensor(OFFSETS_M, dtype=p_WP.dtype, device=p_WP.device)
-    origins = xp.concat([feet_W[..., :2], p_WP[..., None, :2]], -2)
     # of one robot `stack` costs NumPy four times as much
     heading = xp.concat([xp.cos(yaw)[..., None], xp.sin(yaw)[..., None]], -1)
-    across = origins[..., ORIGIN, :] + heading[..., None, :] * offsets[:, :1]
-    return xp.concat([across, offsets[:, 1:] + xp.zeros_like(across[..., :1])], -1)
+    points = picked(xp.concat([feet_W, p_WP[..., None, :]], -2), ORIGIN)
+    points[..., :2] += heading[..., None, :] * offsets[:, :1]
+    points[..., 2] = offsets[:, 1]
+    return points
 
 
 def nearness(distance_m):
     """Signed distances [m] as the policy reads them: 0 from 30 cm on, 3 at a surface; numpy array or torch tensor."""
-    return ((FAR_M - distance_m) / SCALE_M).clip(0.0, MOST)
+    return clip((FAR_M - distance_m) / SCALE_M, 0.0, MOST)

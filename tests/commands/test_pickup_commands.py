@@ -58,7 +58,8 @@ def test_distill_train_and_evaluate(tmp_path, capsys):
 
 def test_trials_do_not_depend_on_how_many_follow(monkeypatch, tmp_path):
     from hotice.evaluate import pickups
-    from hotice.evaluate.pickups import PickEvaluateConfig, evaluate_picks
+    from hotice.evaluate.pick_config import PickEvaluateConfig
+    from hotice.evaluate.pickups import evaluate_picks
 
     codes = []
     monkeypatch.setattr(pickups, "BLOCK", 2)

@@ -148,7 +148,7 @@ def test_the_box_of_the_simulated_robot_is_where_it_is(noise, most_m, most_deg):
     box = TagBox(lab.tags, BoxPoser(box_bundle(lab.config.carried)))
     for _ in range(3):
         lab.live(0.034)
-        seen, qpos = box.update(lab.state()), lab.world.data.qpos
+        seen, qpos = box.update(lab.state(), lab.clock.now()), lab.world.data.qpos
         true = Pose.of(qpos[:3], qpos[3:7]).inverse @ Pose.of(qpos[-7:-4], qpos[-4:])
         assert seen.verdict == "ok" and seen.tags == 4
         assert np.linalg.norm(seen.X_PO.p - true.p) < most_m and angle_deg(seen.X_PO.R, true.R) < most_deg

@@ -18,7 +18,7 @@ from hotice.deploy.link.publishers import SecondPublisher, check_sole_publisher
 from hotice.deploy.messages import hg
 from hotice.deploy.messages.cdr import decode, encode
 from hotice.deploy.messages.rpc import Request, Response
-from hotice.deploy.switcher import SERVICE, ServiceError, active_controller, leave_high_level
+from hotice.deploy.switcher import QUESTIONS, SERVICE, ServiceError, active_controller, leave_high_level
 from hotice.errors import InvalidConfig
 from tests.deploy.messages_fixture import filled, low_state
 
@@ -243,6 +243,6 @@ def test_a_service_that_is_not_there():
         silent = DdsServer(node, SERVICE, lambda api_id, parameter: (0, ""))
         with pytest.raises(ServiceError, match="did not answer call 1001"):
             active_controller(service, timeout_s=0.5)
-        assert silent.serve() == 1
+        assert silent.serve() == QUESTIONS
         for end in (silent, service):
             end.close()

@@ -55,6 +55,9 @@ STATE_MS = 40.0
         {"view_port": 65536},
         {"box": (0.3, 0.3, 0.25, 0.0)},
         {"pose_latency_s": 1.0},
+        {"tags_latency_s": -1.0},
+        {"release_held": True},
+        {"robot": "g1", "interface": "eth0", "map": Path("map.pcd"), "release_held": True, "dry_run": True},
     ],
 )
 def test_what_is_refused(values):

@@ -12,8 +12,9 @@ from hotice.deploy.estimate import LidarPelvis, SeenPose, TaggedBox, TrackingEst
 from hotice.deploy.estimate.pelvis import pelvis_in_scene
 from hotice.deploy.frames import WAIST, Pose, camera_in_pelvis
 from hotice.deploy.messages.hg import JOINTS
+from hotice.deploy.past import Past, Torso, measured_at
 from hotice.deploy.sources import MemorySource, PoseSample, TagSample
-from hotice.deploy.tags import BoxPoser, box_bundle
+from hotice.deploy.tags import BoxPoser, TagBox, box_bundle
 from hotice.model import builder, g1
 from hotice.model.frames import (
     mat_to_quat,
@@ -183,13 +184,14 @@ def test_a_map_that_leans_is_no_map(rng):
     clock = SimulatedClock()
     source = MemorySource(clock, PoseSample.decode)
     look, robot = LidarPelvis(source, None), still(rng)
-    waist, up = robot.joint_pos[list(WAIST)], quat_to_mat(robot.quat_WP)[2]
-    assert look(waist, up) is None
+    past = Past()
+    past.add(Torso(robot.joint_pos[list(WAIST)], quat_to_mat(robot.quat_WP)[2]), 0.0)
+    assert look(past, 0.0) is None
     for number, lean in enumerate((np.radians(7.0), np.radians(9.0))):
         clock.sleep(0.1)
         tilted = replace(robot, quat_WP=quat_mul(quat_from_axis_angle(np.array([1.0, 0.0, 0.0]), lean), robot.quat_WP))
         source.send(sample_of(tilted, number=number + 1).encode())
-        seen = look(waist, up)
+        seen = look(past, clock.now())
         assert seen.good is (number == 0) and seen.received_s == clock.now()
     assert "leans 9 degrees" in seen.verdict
 
@@ -201,15 +203,73 @@ def test_the_box_from_its_tags(rng):
     look = TaggedBox(source, BoxPoser(bundle))
     waist = np.array([0.1, 0.05, -0.1])
     X_PO = Pose(quat_to_mat(quat_from_axis_angle(UP, 0.1)), np.array([0.32, 0.01, 0.12]))
-    assert look(waist, UP) is None
+    past = Past()
+    past.add(Torso(waist, UP), 0.0)
+    assert look(past, 0.0) is None
     pixels = HEAD_CAMERA.pixels((camera_in_pelvis(waist).inverse @ X_PO).points(bundle.corners_O[:4]))
     source.send(TagSample(number=1, measured_s=0.0, ids=np.arange(4), corners_px=pixels).encode())
-    seen = look(waist, UP)
+    seen = look(past, 0.0)
     np.testing.assert_allclose(seen.p, X_PO.p, atol=1e-5)
     np.testing.assert_allclose(quat_to_mat(seen.quat), X_PO.R, atol=1e-4)
     clock.sleep(0.1)
     source.send(TagSample(number=2, measured_s=0.1, ids=np.zeros(0, int), corners_px=np.zeros((0, 4, 2))).encode())
-    assert look(waist, UP).verdict == "none seen" and not look(waist, UP).good
+    assert look(past, 0.1).verdict == "none seen" and not look(past, 0.1).good
+
+
+@pytest.mark.parametrize("same_clock", [True, False], ids=["stamped by our clock", "by another, its latency known"])
+@pytest.mark.parametrize("kind", ["look", "tag box"])
+def test_a_moving_waist_counts_as_it_was_at_the_exposure(kind, same_clock):
+    """At 0.5 rad/s and 50 ms of latency: 1 mm; by the newest state it would be some 10 mm."""
+    pytest.importorskip("cv2")
+    clock, bundle, latency_s, late = SimulatedClock(), box_bundle(BOX), 0.05, []
+    source = MemorySource(clock, TagSample.decode)
+    known = {"latency_s": 0.0 if same_clock else latency_s}
+    look, box = TaggedBox(source, BoxPoser(bundle), **known), TagBox(source, BoxPoser(bundle), **known)
+    X_PO, past, off = Pose(np.eye(3), np.array([0.32, 0.01, 0.12])), Past(), {"then": [], "newest": []}
+    robot = still(np.random.default_rng(0))
+    for step in range(60):
+        now_s = clock.now()
+        waist = np.array([0.5 * now_s, 0.1 * np.sin(5.0 * now_s), 0.05])
+        pixels = HEAD_CAMERA.pixels((camera_in_pelvis(waist).inverse @ X_PO).points(bundle.corners_O[:4]))
+        stamp_s = now_s if same_clock else now_s + 1e5
+        late.append(TagSample(number=step + 1, measured_s=stamp_s, ids=np.arange(4), corners_px=pixels).encode())
+        if step > 5:
+            source.send(late[step - 5])
+        # a runner reads a state every 20 ms, pictures come between them
+        if step % 2 == 0:
+            state = state_of(replace(robot, quat_WP=np.array([1.0, 0.0, 0.0, 0.0])))
+            state["motor_state"]["q"][list(WAIST)] = waist
+            past.add(Torso.of(state), now_s)
+            alone = Past()
+            alone.add(Torso.of(state), now_s)
+            seen = look(past, now_s) if kind == "look" else box.update(state, now_s)
+            other = TaggedBox(source, BoxPoser(bundle), **known)(alone, now_s)
+            if seen is not None and step > 10:
+                off["then"].append(np.linalg.norm((seen.p if kind == "look" else seen.X_PO.p) - X_PO.p))
+                off["newest"].append(np.linalg.norm(other.p - X_PO.p))
+        clock.sleep(0.01)
+    assert len(off["then"]) > 20 and max(off["then"]) < 1e-3 and min(off["newest"]) > 5e-3
+
+
+def test_the_past_is_a_ring_by_time():
+    past, up = Past(), np.array([0.0, 0.0, 1.0])
+    for k in range(200):
+        past.add(Torso(np.array([0.01 * k, 0.0, 0.0]), up), 0.02 * k)
+    assert past.newest.waist[0] == pytest.approx(1.99) == past.at(99.0).waist[0]
+    assert past.at(3.57).waist[0] == pytest.approx(1.785)
+    assert past.at(0.0).waist[0] == pytest.approx(1.36)
+    # the same state again, and a clock that begins anew
+    past.add(Torso(np.array([5.0, 0.0, 0.0]), up), 0.02 * 199)
+    assert past.newest.waist[0] == 5.0 and past.at(0.02 * 198).waist[0] == pytest.approx(1.98)
+    past.add(Torso(np.array([7.0, 0.0, 0.0]), up), 0.1)
+    assert past.at(3.9).waist[0] == 7.0 == past.at(0.0).waist[0]
+
+
+@pytest.mark.parametrize(
+    ("measured_s", "found_s"), [(9.98, 9.98), (9.0, 9.0), (10.0, 10.0), (10.1, 9.95), (8.9, 9.95), (1e9, 9.95)]
+)
+def test_whose_clock_a_sample_is_stamped_by(measured_s, found_s):
+    assert measured_at(measured_s, 9.99, 10.0, 0.04) == pytest.approx(found_s)
 
 
 def test_nothing_is_believed_before_both_were_seen(rng):

@@ -7,6 +7,7 @@ from hotice.deploy.command import LIMITS
 from hotice.deploy.guard.config import GuardConfig
 from hotice.deploy.guard.guard import Guard
 from hotice.deploy.guard.modes import Mode
+from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.slot.records import TARGETS
 from tests.deploy.simulated_fixture import STEP_S, Lab
 
@@ -44,6 +45,25 @@ class Operated(Lab):
             self.guard.tick()
             self.clock.sleep(STEP_S)
         return self.guard.mode
+
+
+def test_an_encoder_that_slips_for_one_sample_is_no_fault_of_a_simulated_robot():
+    """Neither guard nor runner, which reads the guard's states, ever see it."""
+    lab = Operated(fault=("encoder-jump@1.6s+0.002s",))
+    lab.go_on(0.8)
+    lab.go_on(0.3, "start")
+    lab.go_on(0.3, "L2", "up")
+    measured, jumps = lab.guard.measured, 0
+    torques = []
+    for _ in range(150):
+        before = measured.newest
+        lab.go_on(STEP_S)
+        jumps += measured.refused_in_a_row
+        assert np.abs(measured.newest.record["motor_state"]["q"] - before.record["motor_state"]["q"]).max() < 0.1
+        received = lab.robot.end.command()
+        torques.append(received.record["motor_cmd"]["tau"][JOINTS].copy())
+    assert jumps == 1 and lab.guard.mode is Mode.POSTURE
+    assert np.abs(np.diff(torques, axis=0)).max() < 1.0
 
 
 @pytest.mark.slow

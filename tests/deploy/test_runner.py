@@ -13,6 +13,7 @@ from hotice.deploy.guard.modes import Mode, Request
 from hotice.deploy.runner import CarryPolicy, Estimate, RobotRunner
 from hotice.deploy.slot.records import STATUS
 from hotice.fields import build_hod_pf
+from hotice.fields.potential import FieldParams
 from hotice.model import g1, load_scene
 from hotice.model.frames import quat_from_axis_angle, quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.robot_state import RobotState
@@ -65,7 +66,7 @@ class Known:
     def __init__(self, robot):
         self.robot, self.disputed = robot, False
 
-    def update(self, state, now_s):
+    def update(self, state, now_s, state_s=None):
         if self.robot is None:
             return None
         percept = PerceptModel(self.robot.carried)(*self.robot.to_mujoco(29))
@@ -116,14 +117,18 @@ def test_targets_by_mode(policy, pf, carry, rng):
         reading = read_fields(pf, percept, ours.task)
         here = np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
         expected = ours.act(
-            percept, reading if mode is Mode.CARRY else read_standing(reading, percept, here, ours.task)
+            percept,
+            reading if mode is Mode.CARRY else read_standing(reading, percept, here, ours.task, pf.params.attraction),
         )
         targets = desk.tick(mode, robot)
         np.testing.assert_allclose(targets["q"], desk.runner.all_joints(expected), atol=1e-4)
         assert np.abs(targets["q"] - rest).max() > 0.01
 
 
-def test_who_stands_is_drawn_back_to_where_standing_began(policy, pf, carry, rng):
+@pytest.mark.parametrize("eta", [0.6, 1.0])
+def test_who_stands_is_drawn_back_to_where_standing_began(policy, pf, carry, rng, eta):
+    """As strongly as the fields draw it elsewhere."""
+    pf = replace(pf, params=FieldParams(attraction=eta))
     robot = a_robot(carry, rng)
     desk = Desk(policy, pf, carry, robot)
     ours = CarryPolicy(policy, carry)
@@ -134,7 +139,7 @@ def test_who_stands_is_drawn_back_to_where_standing_began(policy, pf, carry, rng
         percept = PerceptModel(carry.carried)(*moved.to_mujoco(29))
         reading = read_fields(pf, percept, ours.task)
         if mode is not Mode.CARRY:
-            reading = read_standing(reading, percept, place, ours.task)
+            reading = read_standing(reading, percept, place, ours.task, eta)
         expected = ours.act(percept, reading)
         np.testing.assert_allclose(desk.tick(mode, robot)["q"], desk.runner.all_joints(expected), atol=1e-4)
     walked = ours.task.speed_m_s

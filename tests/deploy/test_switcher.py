@@ -4,7 +4,14 @@ import pytest
 from hotice.deploy.clock import SimulatedClock
 from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.messages.rpc import Response
-from hotice.deploy.switcher import ServiceError, active_controller, leave_high_level
+from hotice.deploy.switcher import (
+    QUESTIONS,
+    ActiveController,
+    ServiceError,
+    active_controller,
+    leave_high_level,
+    made_ours,
+)
 from hotice.errors import InvalidConfig
 
 
@@ -68,6 +75,38 @@ def test_nonsense_is_no_released_robot(data):
     """Else an answer that cannot be read would pass for "no controller active"."""
     with pytest.raises(ServiceError):
         leave_high_level(Switcher(data=data), SimulatedClock(), robot_is_held=True)
+
+
+class Deaf(Switcher):
+    """Does not hear the first questions."""
+
+    def __init__(self, deaf):
+        super().__init__(stubborn=0)
+        self.deaf, self.waited_s = deaf, 0.0
+
+    def call(self, api_id, parameter, timeout_s):
+        if self.deaf:
+            self.deaf, self.waited_s = self.deaf - 1, self.waited_s + timeout_s
+            raise ServiceError("did not answer")
+        return super().call(api_id, parameter, timeout_s)
+
+
+def test_a_question_that_was_lost_is_asked_again():
+    assert active_controller(Deaf(QUESTIONS - 1)) == ""
+    switcher = Deaf(99)
+    with pytest.raises(ServiceError, match="did not answer"):
+        active_controller(switcher, timeout_s=5.0)
+    assert switcher.waited_s == pytest.approx(5.0)
+
+
+def test_a_controller_is_released_only_where_the_robot_is_held():
+    switcher = Switcher(stubborn=2)
+    for held in (False, None, 1):
+        with pytest.raises(ActiveController, match="'ai' is active.*hang it up.*--release-held"):
+            made_ours(switcher, SimulatedClock(), robot_is_held=held)
+    assert 1003 not in switcher.calls
+    assert "'ai' is released (2 calls)" in made_ours(switcher, SimulatedClock(), robot_is_held=True)
+    assert "none of the robot's own" in made_ours(switcher, SimulatedClock(), robot_is_held=False)
 
 
 def test_errors_of_the_service():

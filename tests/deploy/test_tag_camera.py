@@ -81,7 +81,7 @@ class Tracked:
 
     def send(self, data: bytes) -> None:
         self.source.send(data)
-        sighting = self.box.update(upright())
+        sighting = self.box.update(upright(), self.clock.now())
         self.verdicts.append(sighting and sighting.verdict)
 
     def reaction(self) -> Reaction:
@@ -132,7 +132,7 @@ def test_tags_that_are_lost(lost_s, reaction, rng):
 
     def film():
         yield good
-        assert track.verdicts == ["ok"] and track.box.update(upright()) is None
+        assert track.verdicts == ["ok"] and track.box.update(upright(), track.clock.now()) is None
         before = track.box.seen
         yield from [empty] * lost
         assert track.box.seen is before and track.box.newest.X_PO is None
@@ -166,12 +166,12 @@ def test_the_box_is_solved_with_the_waist_and_the_attitude_of_the_state(rng):
     placed = near_pose(rng)
     corners = HEAD_CAMERA.pixels((camera_in_pelvis(waist).inverse @ placed).points(BUNDLE.corners_O[:4]))
     track.source.send(TagSample(number=0, measured_s=0.0, ids=np.arange(4), corners_px=corners).encode())
-    seen = track.box.update(state)
+    seen = track.box.update(state, track.clock.now())
     assert seen.X_PO.p == pytest.approx(placed.p, abs=1e-4) and angle_deg(seen.X_PO.R, placed.R) < 0.05
     # a pelvis that lies on its face cannot carry the box so
     state["imu_state"]["quaternion"] = quat_from_axis_angle([0.0, 1.0, 0.0], 1.4)
     track.source.send(TagSample(number=1, measured_s=0.0, ids=np.arange(4), corners_px=corners).encode())
-    assert track.box.update(state).verdict == "against the prior"
+    assert track.box.update(state, track.clock.now()).verdict == "against the prior"
 
 
 def test_corners_of_another_camera_become_those_of_the_head_camera(rng):

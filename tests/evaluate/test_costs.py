@@ -2,13 +2,16 @@
 
 import json
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
-from benchmarks.costs import BASE, compared, main, variants
+from benchmarks import costs
+from benchmarks.costs import BASE, SENSES, compared, main, variants
 from hotice.evaluate.trials import Trials
 from hotice.model.dynamics import ROBOT_DYNAMICS, DynamicsConfig
 from hotice.task.perturbations import SOURCES
+from hotice.task.sensing import STUDENT_SENSING
 
 
 def trials(text):
@@ -40,6 +43,11 @@ def test_every_variant_differs_from_the_base_in_what_it_says():
             assert changed == [field]
     assert {f"without {s}" for s in SOURCES} <= known.keys()
     assert {f"dynamics.{f.name} nominal" for f in fields(DynamicsConfig)} <= known.keys()
+    for name, sharp in SENSES.items():
+        sensing = known[f"sensing.{name} exact"].task({}).sensing
+        assert {f.name for f in fields(sensing) if getattr(sensing, f.name) != getattr(STUDENT_SENSING, f.name)} == set(
+            sharp
+        )
     coarse = known["paper's physics, and its palms"].task({})
     assert (coarse.physics_dt_s, coarse.dynamics.palm_friction) == (0.005, (2.0, 2.0))
 
@@ -47,6 +55,19 @@ def test_every_variant_differs_from_the_base_in_what_it_says():
 def test_unknown_names_are_refused(capsys):
     assert main(["--scenes", "open_floor", "--only", "wind"]) == 2
     assert "wind" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("count", ["0", "-1", "1.5", "many", "9" * 400])
+def test_counts_that_are_none_are_refused_by_every_benchmark(count, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["--processes", count])
+    assert capsys.readouterr().err.splitlines()[-1].endswith(": a whole number of at least 1 is needed")
+
+
+def test_benchmarks_take_whole_numbers_by_shared_types():
+    sources = [path.read_text() for path in Path(costs.__file__).parent.glob("*.py")]
+    assert sum("type=a_count" in source for source in sources) > 10
+    assert not [source for source in sources if "type=int" in source]
 
 
 @pytest.mark.slow

@@ -11,11 +11,12 @@ from pydrake.systems.analysis import Simulator
 from hotice.errors import CheckpointError
 from hotice.fields.bank import FieldBank
 from hotice.fields.defaults import ETA
+from hotice.fields.potential import FieldParams
 from hotice.model.carry import solve_carry
 from hotice.model.objects import Sphere
 from hotice.policy import Percept, PerceptModel, PolicyTask, open_policy
 from hotice.policy.action import next_action
-from hotice.policy.guidance import read_fields, read_standing
+from hotice.policy.guidance import FieldReading, read_fields, read_standing
 from hotice.policy.measuring import DRAWS, ESTIMATE, measure
 from hotice.policy.observation import LAYOUT, Carrying, layout_of, observe, remember
 from hotice.safety import Answer, Fault
@@ -25,6 +26,8 @@ from hotice.sim.sensing import Sensors
 from hotice.systems.guidance_field import GuidanceFieldSystem
 from hotice.systems.policy import ACTION, MEMORY, PAST, PHASE, PLACE, PolicySystem
 from hotice.systems.sensor_model import SensorModel
+from hotice.systems.signals import GUIDANCE
+from hotice.systems.station.make import Station
 from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig, draw_delays
 
 NOISY = SensingConfig(joint_pos_rad=0.03, object_pos_m=0.05, root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0)
@@ -337,10 +340,11 @@ def test_a_defect_of_a_policy_is_no_fault(station, carry, robot_state):
         stepped(PolicySystem(Failing(TypeError("a defect")), carry), percept=percept.vector, guidance=reading.vector)
 
 
-def test_a_policy_told_to_stand_reads_a_goal_where_it_is(station, carry, robot_state):
+@pytest.mark.parametrize("eta", [ETA, 1.0])
+def test_a_policy_told_to_stand_reads_a_goal_where_it_is(station, carry, robot_state, eta):
     percept, reading = policy_inputs(station, carry, robot_state)
     reading.force_W[3], reading.distance[4] = np.nan, np.nan
-    system = PolicySystem(open_policy("carry"), carry)
+    system = PolicySystem(open_policy("carry"), carry, attraction=eta)
     simulator = stepped(
         system, percept=percept.vector, guidance=reading.vector, answer=[float(Answer.STOP_WALKING), 1.0]
     )
@@ -353,19 +357,38 @@ def test_a_policy_told_to_stand_reads_a_goal_where_it_is(station, carry, robot_s
     system.GetInputPort("percept").FixValue(context, moved.vector)
     simulator.AdvanceTo(0.021)
     np.testing.assert_array_equal(context.get_discrete_state(PLACE).value(), place)
-    still = read_standing(reading, moved, place, system.task)
+    still = read_standing(reading, moved, place, system.task, eta)
     assert np.isfinite(still.vector).all() and still.distance[4] == 2.0
     np.testing.assert_array_equal(np.delete(still.distance, 4), np.delete(reading.distance, 4))
-    np.testing.assert_allclose(np.linalg.norm(still.force_W, axis=1), ETA, rtol=1e-6)
-    np.testing.assert_allclose(still.force_W[0], ETA * (place - moved.p_WK[0]) / np.linalg.norm(place - moved.p_WK[0]))
+    np.testing.assert_allclose(np.linalg.norm(still.force_W, axis=1), eta, rtol=1e-6)
+    np.testing.assert_allclose(still.force_W[0], eta * (place - moved.p_WK[0]) / np.linalg.norm(place - moved.p_WK[0]))
     assert still.goal_distance[0] == pytest.approx(0.2) and still.c_W[0] < -0.3 and abs(still.c_W[1]) < 0.1
-    assert np.isfinite(system.observation(context)).all()
+    memory = context.get_discrete_state(MEMORY).value()
+    expected = observe(moved, still, Carrying.of(carry), memory[ACTION], memory[PHASE], False, memory[PAST])
+    np.testing.assert_array_equal(system.observation(context), expected)
     system.GetInputPort("answer").FixValue(context, [0.0, 0.0])
     simulator.AdvanceTo(0.041)
     np.testing.assert_array_equal(context.get_discrete_state(PLACE).value(), place)  # there is no other guidance
     system.GetInputPort("guidance").FixValue(context, np.nan_to_num(reading.vector))
     simulator.AdvanceTo(0.061)
     assert np.isnan(context.get_discrete_state(PLACE).value()).all()
+
+
+def test_the_policy_of_a_station_stands_by_the_eta_of_its_fields(station, robot_state):
+    for eta in (0.6, 1.0):
+        pf = replace(station.pf, params=FieldParams(attraction=eta))
+        policy = Station(replace(station.setup, pf=pf)).GetSubsystemByName("policy")
+        context = policy.CreateDefaultContext()
+        percept, reading = policy_inputs(station, station.carry, robot_state)
+        for name, value in (("percept", percept.vector), ("guidance", np.full(GUIDANCE, np.nan))):
+            policy.GetInputPort(name).FixValue(context, value)
+        here = np.array([*percept.p_WP[:2], 0.75])
+        still = read_standing(FieldReading(np.full(GUIDANCE, np.nan)), percept, here, policy.task, eta)
+        rows = context.get_discrete_state(MEMORY).value()
+        expected = observe(
+            percept, still, Carrying.of(station.carry), rows[ACTION], rows[PHASE], policy.task.scan, rows[PAST]
+        )
+        np.testing.assert_array_equal(policy.observation(context), expected)
 
 
 def test_a_policy_of_another_layout_is_refused(carry):

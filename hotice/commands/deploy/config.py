@@ -45,6 +45,9 @@ class DeployConfig:
     """DDS domain; by default 1 for sim, 0 for g1."""
     dry_run: bool = False
     """Do all but send commands."""
+    release_held: bool = False
+    """Somebody has made sure that the robot hangs or sits: release its own controller, which makes it limp at once.
+    Without this an active one is refused, and nothing is sent. For g1."""
     log: Path | None = None
     """Folder for the log of everything, about 80 MB a minute; without it a ring of the last minute lies in the user's
     own cache."""
@@ -58,6 +61,9 @@ class DeployConfig:
     """UDP port on this machine to which corners of tags are sent."""
     pose_latency_s: float = 0.0
     """From a measurement of localization until its pose comes, as far as it is known [s]."""
+    tags_latency_s: float = 0.0
+    """From a picture's exposure until its tags come, for a camera's program that does not run by this machine's clock,
+    as far as it is known [s]."""
 
     def __post_init__(self) -> None:
         checks.one_of("robot", self.robot, ("sim", "g1"))
@@ -68,10 +74,15 @@ class DeployConfig:
         checks.whole("pose_port", self.pose_port, PORT)
         checks.whole("tags_port", self.tags_port, PORT)
         checks.number("pose_latency_s", self.pose_latency_s, LATENCY)
+        checks.number("tags_latency_s", self.tags_latency_s, LATENCY)
         if self.robot == "g1" and self.interface in ("", LOOPBACK):
             raise InvalidConfig("interface is needed for g1: the network interface that its cable is in")
         if self.robot == "g1" and self.map is None:
             raise InvalidConfig("map is needed for g1: the map file in which it localizes itself")
+        if self.release_held and (self.robot != "g1" or self.dry_run):
+            raise InvalidConfig(
+                "release_held is True: only --robot g1 without --dry-run releases the robot's controller; leave it out"
+            )
         # read once for what it raises
         slot_path(self.slot)
 

@@ -49,7 +49,15 @@ def deploy(config: DeployConfig) -> None:
         guard = Child(
             "guard",
             GuardOptions(
-                slot=config.slot, domain=domain, interface=interface, dry_run=config.dry_run, log=folder, keep_s=keep_s
+                slot=config.slot,
+                domain=domain,
+                interface=interface,
+                dry_run=config.dry_run,
+                log=folder,
+                # who sends nothing may watch while another one commands
+                has_controller=config.robot == "g1" and not config.dry_run,
+                release_held=config.release_held,
+                keep_s=keep_s,
             ).text(),
         )
         stack.callback(_end_guard, guard, view)
@@ -125,6 +133,7 @@ def _runner_options(config: DeployConfig, folder: str, keep_s: float | None) -> 
         pose_port=config.pose_port,
         tags_port=config.tags_port,
         pose_latency_s=config.pose_latency_s,
+        tags_latency_s=config.tags_latency_s,
         log=folder,
         keep_s=keep_s,
         view_port=config.view_port if config.view else None,

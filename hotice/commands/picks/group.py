@@ -1,49 +1,25 @@
-"""Pick-ups: plan a book of them, make a student of it, improve the student, score it."""
+"""The commands of `hotice pickup`, one function each."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
-import tyro
-
-from hotice import checks
-from hotice.commands.help_text import unbroken_help
-from hotice.control.playback.draw import PickRange
-from hotice.errors import InvalidConfig
-from hotice.evaluate.pickups import PickEvaluateConfig
 from hotice.failures import STOPPED
 from hotice.files import check_folder, check_writable
-from hotice.learn.distill.pick_config import PickDistillConfig
-from hotice.learn.train.pickup import PickTrainConfig
 from hotice.owner import check_unowned
 from hotice.progress import doing
 
-Flat = tyro.conf.OmitArgPrefixes
+if TYPE_CHECKING:
+    from hotice.commands.picks.config import PlanConfig
+    from hotice.evaluate.pick_config import PickEvaluateConfig
+    from hotice.learn.distill.pick_config import PickDistillConfig
+    from hotice.learn.train.config import TrainConfig
+    from hotice.learn.train.pick_config import PickTrainConfig
+    from hotice.learn.train.runner import Runner
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlanConfig:
-    """One book of picks; needs the extra `drake`."""
-
-    out: Path = Path("picks.npz")
-    """Book to write."""
-    count: int = 64
-    """Picks in it; planning one takes some seconds."""
-    seed: int = 0
-    """Seed of objects and places."""
-    draws: PickRange = field(default_factory=PickRange)
-    """What is drawn."""
-
-    def __post_init__(self) -> None:
-        checks.whole("count", self.count, checks.COUNT)
-        checks.whole("seed", self.seed, checks.INT64)
-        if self.out.suffix != ".npz":
-            raise InvalidConfig(f"out is {str(self.out)!r}: a .npz file is needed")
-
-
-def plan(config: Flat[PlanConfig]) -> int:
+def plan(config: PlanConfig) -> int:
     """Plan random picks and write them as one book: what teachers follow, and what is picked where."""
     from hotice.control.playback import draw
     from hotice.model.picks.book import PickBook
@@ -57,21 +33,21 @@ def plan(config: Flat[PlanConfig]) -> int:
     return 0
 
 
-def distill(config: Flat[PickDistillConfig]) -> int:
+def distill(config: PickDistillConfig) -> int:
     """Make a student of a book of picks (DAgger), under noise and delays."""
     from hotice.learn.distill.pick_dagger import PickDistillRunner
 
     return _train(PickDistillRunner, config)
 
 
-def train(config: Flat[PickTrainConfig]) -> int:
+def train(config: PickTrainConfig) -> int:
     """Go on from a student with dual PPO, under noise and delays."""
     from hotice.learn.train.pickup import PickRunner
 
     return _train(PickRunner, config)
 
 
-def evaluate(config: Flat[PickEvaluateConfig]) -> int:
+def evaluate(config: PickEvaluateConfig) -> int:
     """Score a policy, or the book itself, by the protocol `robot`: lifted, in the carry state, held for 5 s."""
     from hotice.evaluate.pickups import evaluate_picks
 
@@ -87,7 +63,7 @@ def evaluate(config: Flat[PickEvaluateConfig]) -> int:
     return 0
 
 
-def _train(kind, config) -> int:
+def _train(kind: Callable[[Any], Runner], config: TrainConfig) -> int:
     check_folder(config.out)
     check_unowned(config.out)
     with doing("preparing picks"):
@@ -96,12 +72,3 @@ def _train(kind, config) -> int:
 
 
 COMMANDS = {"plan": plan, "distill": distill, "train": train, "evaluate": evaluate}
-
-
-def main(argv: Sequence[str]) -> int:
-    """Runs one command of the group."""
-    with unbroken_help():
-        return (
-            tyro.extras.subcommand_cli_from_dict(COMMANDS, args=list(argv), prog="hotice pickup", description=__doc__)
-            or 0
-        )

@@ -7,6 +7,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.deploy.past import Past
+
 Array = NDArray[np.float64]
 OK = "ok"
 NOWHERE = np.full(3, np.nan)
@@ -31,8 +33,8 @@ class SeenPose(NamedTuple):
 class Look(Protocol):
     """Reads the newest pose of a source."""
 
-    def __call__(self, waist: Array, up_P: Array) -> SeenPose | None:
-        """The pose, for a measured waist (3,) [rad] and up (3,) in the pelvis; None before the first."""
+    def __call__(self, past: Past, now_s: float) -> SeenPose | None:
+        """The pose, by what waist and attitude were when it was measured; None before the first. `now_s`: [s]."""
         ...
 
 

@@ -10,6 +10,7 @@ from hotice.deploy.estimate.root import RootTracker
 from hotice.deploy.estimate.seen import Look
 from hotice.deploy.frames import WAIST
 from hotice.deploy.messages.hg import JOINTS
+from hotice.deploy.past import Past, Torso
 from hotice.deploy.runner.estimator import Estimate
 from hotice.model import g1
 from hotice.model.frames import mat_to_quat, normalize, quat_to_mat
@@ -45,17 +46,19 @@ class TrackingEstimator:
         self._carried, self._pelvis, self._box = carried, pelvis, box
         self._model = PerceptModel(carried)
         self._root = RootTracker(latency_s=latency_s)
+        self._past = Past()
         self._object = HeldObject(STUDENT_SENSING.object_gain(control_dt_s))
 
-    def update(self, state: np.ndarray, now_s: float) -> Estimate | None:
+    def update(self, state: np.ndarray, now_s: float, state_s: float | None = None) -> Estimate | None:
         """See `Estimator.update`."""
         imu, motors = state["imu_state"], state["motor_state"][JOINTS]
         gravity_P = -quat_to_mat(normalize(imu["quaternion"].astype(float)))[2]
         w_WP_P, q = imu["gyroscope"].astype(float), motors["q"].astype(float)
-        tracked, held, waist = self._root, self._object, q[list(WAIST)]
+        tracked, held = self._root, self._object
         passed_s = tracked.gravity(gravity_P, w_WP_P, now_s)
-        tracked.move(self._pelvis(waist, -tracked.down_P), w_WP_P, passed_s, now_s)
-        held.step(self._box(waist, -tracked.down_P))
+        self._past.add(Torso(q[list(WAIST)], -tracked.down_P), now_s if state_s is None else state_s)
+        tracked.move(self._pelvis(self._past, now_s), w_WP_P, passed_s, now_s)
+        held.step(self._box(self._past, now_s))
         if tracked.root is None or held.pose is None:
             return None
         yaw = heading(tracked.root)

@@ -46,6 +46,7 @@ class Cause(IntEnum):
     GAMEPAD = 16
     PUBLISHER = 17
     LINK = 18
+    FALLING = 19
 
 
 class Finding(NamedTuple):
@@ -87,6 +88,11 @@ def lean(quaternion: np.ndarray, limits: GuardLimits) -> Reaction:
     return _graded(
         float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))), (limits.lean_rad, Reaction.DAMPING)
     )
+
+
+def falling(lasted_s: float, limits: GuardLimits) -> Reaction:
+    """How long the lean ahead has been beyond `falling_rad` [s]; minus infinity: it is not."""
+    return Reaction.DAMPING if lasted_s >= limits.falling_s else Reaction.NONE
 
 
 def joint_speed(dq: np.ndarray, limits: GuardLimits) -> Reaction:

@@ -27,7 +27,7 @@ from hotice.deploy.slot.records import STATUS
 
 T = TypeVar("T")
 AWAY_S = 1.0
-"""A fault that was away for longer is told again [s]."""
+"""A fault that was away for longer is told again [s]; one that gets worse at once."""
 
 
 class Event(NamedTuple):
@@ -72,7 +72,7 @@ class Guard:
         self.mode, self.cause = Mode.OFF, Cause.NONE
         self._entered_s = self._others_s = clock.now()
         self._foreign, self._seen = link.counts().foreign_commands, 0
-        self._told: dict[Cause, float] = {}
+        self._told: dict[Cause, tuple[float, Reaction]] = {}
         self._refused: str = ""
         self._link_fails = False
         self._status_record = np.zeros((), STATUS)
@@ -122,6 +122,10 @@ class Guard:
         self._motion.enter(before, mode, self._motor("q"), self.targets)
         self._event(now_s, cause, text)
 
+    def _brake(self, cause: Cause, text: str, now_s: float) -> None:
+        self._tell_faults([Finding(cause, Reaction.DAMPING, "{}", text)], now_s)
+        self._enter(Mode.DAMPING, cause, text, now_s)
+
     def _against(self, charge: float | None, now_s: float) -> tuple[str, ...]:
         if self.mode is Mode.READY:
             return tuple(against_driving(self.targets, self._motion.posture, self.config))
@@ -154,13 +158,13 @@ class Guard:
                 now_s=now_s,
             )
         except UnsafeCommand as error:
-            self._enter(Mode.DAMPING, Cause.TARGETS_REFUSED, str(error), now_s)
+            self._brake(Cause.TARGETS_REFUSED, str(error), now_s)
             command = damping(machine)
         try:
             self._link.publish(command)
         except LinkError as error:
             if not self._link_fails:
-                self._enter(Mode.DAMPING, Cause.LINK, str(error), now_s)
+                self._brake(Cause.LINK, str(error), now_s)
             self._link_fails = True
             return None
         self._link_fails = False
@@ -197,12 +201,13 @@ class Guard:
         return status
 
     def _tell_faults(self, found: list[Finding], now_s: float) -> None:
-        # one that comes and goes is told once, until it has been away for a while
+        # one that comes and goes is told once, until it has been away for a while, and again where it gets worse
         for finding in found:
-            away_s = now_s - self._told.get(finding.cause, -math.inf)
-            if away_s > AWAY_S and self.mode is not Mode.OFF:
+            told_s, worst = self._told.get(finding.cause, (-math.inf, Reaction.NONE))
+            worst = worst if now_s - told_s <= AWAY_S else Reaction.NONE
+            if finding.reaction > worst and self.mode is not Mode.OFF:
                 self._event(now_s, finding.cause, f"{finding.reaction.name.lower()}: {finding}")
-            self._told[finding.cause] = now_s
+            self._told[finding.cause] = now_s, max(worst, finding.reaction)
 
     def _event(self, now_s: float, cause: Cause, text: str) -> None:
         self._on_event(Event(now_s, self.mode, cause, text))

@@ -14,6 +14,7 @@ from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.dds.battery import DdsBattery
 from hotice.deploy.dds.link import DdsLink
 from hotice.deploy.dds.node import DdsNode
+from hotice.deploy.dds.service import DdsService
 from hotice.deploy.guard.dry import DryLink
 from hotice.deploy.guard.guard import Event
 from hotice.deploy.guard.keyboard import Keyboard
@@ -28,6 +29,7 @@ from hotice.deploy.programs.options import GuardOptions
 from hotice.deploy.programs.saying import Saying, ended
 from hotice.deploy.recording.guard_log import KINDS, GuardLog, LoggedSlot
 from hotice.deploy.slot.slot import GuardSlot
+from hotice.deploy.switcher import SERVICE, made_ours
 
 GUARD_LOG = "guard"
 """Name of its log."""
@@ -72,6 +74,10 @@ def main(options: GuardOptions) -> None:
         stack.callback(dds.close)
         battery = DdsBattery(node)
         stack.callback(battery.close)
+        if options.has_controller:
+            service = DdsService(node, SERVICE, clock)
+            stack.callback(service.close)
+            say(text=made_ours(service, clock, robot_is_held=options.release_held))
         check_sole_publisher(dds, clock)
         log = stack.enter_context(open_log(options, GUARD_LOG, KINDS, PRIORITY))
         link = GuardLog(DryLink(dds) if options.dry_run else dds, log, clock)

@@ -19,6 +19,10 @@ class GuardOptions:
     """All but send."""
     log: str
     """Folder of its log."""
+    has_controller: bool = False
+    """Whether the robot has a controller of its own, which must not be active."""
+    release_held: bool = False
+    """Whether that one is released: somebody holds the robot."""
     keep_s: float | None = None
     """Length of the log's ring [s]; None: everything stays."""
 
@@ -46,6 +50,7 @@ class RunnerOptions:
     tags_port: int
     log: str
     pose_latency_s: float = 0.0
+    tags_latency_s: float = 0.0
     keep_s: float | None = None
     view_port: int | None = None
     """Port of the live page, 0: any free one; None: no page."""

@@ -41,15 +41,19 @@ def prepare(options: RunnerOptions, say: Callable[[str], None]) -> Prepared:
 
 
 def estimator_of(
-    made: Prepared, poses: Source[PoseSample], tags: Source[TagSample], latency_s: float = 0.0
+    made: Prepared,
+    poses: Source[PoseSample],
+    tags: Source[TagSample],
+    latency_s: float = 0.0,
+    tags_latency_s: float = 0.0,
 ) -> TrackingEstimator:
-    """The estimator of localization and tags; `latency_s`: of localization [s]. Raises `HoticeError`."""
+    """The estimator of localization and tags; `latency_s`, `tags_latency_s`: theirs [s]. Raises `HoticeError`."""
     carried = made.carry.carried
     if not isinstance(carried, Box):
         raise InvalidConfig(f"tags are for boxes, not for a {type(carried).__name__}")
     return TrackingEstimator(
         carried,
-        LidarPelvis(poses, made.pf.scene.source),
-        TaggedBox(tags, BoxPoser(box_bundle(carried))),
+        LidarPelvis(poses, made.pf.scene.source, latency_s=latency_s),
+        TaggedBox(tags, BoxPoser(box_bundle(carried)), latency_s=tags_latency_s),
         latency_s=latency_s,
     )

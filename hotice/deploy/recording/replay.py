@@ -102,7 +102,7 @@ def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, 
     clock, poses, tags = _ToldClock(), _Told(PoseSample.decode), _Told(TagSample.decode)
     status: list[np.ndarray] = []
     put: list[np.ndarray] = []
-    estimator = estimator_of(made, poses, tags, options.pose_latency_s)
+    estimator = estimator_of(made, poses, tags, options.pose_latency_s, options.tags_latency_s)
     runner = RobotRunner(
         made.policy, made.pf, made.carry, estimator, lambda: status[-1], lambda t: put.append(t.copy()), clock
     )

@@ -31,8 +31,11 @@ class Estimate:
 class Estimator(Protocol):
     """Takes every state that the runner reads."""
 
-    def update(self, state: np.ndarray, now_s: float) -> Estimate | None:
-        """The estimate with a LowState () read at `now_s` [s]; None until pelvis and object were seen once."""
+    def update(self, state: np.ndarray, now_s: float, state_s: float | None = None) -> Estimate | None:
+        """The estimate with a LowState () read at `now_s` [s]; None until pelvis and object were seen once.
+
+        `state_s`: when the state came to who read it first [s]; by default now.
+        """
         ...
 
     def settle(self) -> None:

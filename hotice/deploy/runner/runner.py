@@ -101,7 +101,9 @@ class RobotRunner:
         if status is None:
             return
         mode = Mode(int(status["mode"]))
-        estimate = self._estimator.update(status["state"], began_s) if status["sequence"] else None
+        estimate = None
+        if status["sequence"]:
+            estimate = self._estimator.update(status["state"], began_s, float(status["received_s"]))
         self.estimate = estimate
         if mode is Mode.HOLD or mode not in DRIVEN:
             # who stands or hangs is seen by the operator, whose key goes on
@@ -144,4 +146,4 @@ class RobotRunner:
         """The reading of a robot that stays where it was when it began to stand."""
         if self._place_W is None:
             self._place_W = np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
-        return read_standing(reading, percept, self._place_W, self.policy.task)
+        return read_standing(reading, percept, self._place_W, self.policy.task, self._pf.params.attraction)

@@ -49,6 +49,9 @@ class SimulatedRobotConfig:
     """`mode_machine` of states; commands with another one are dropped."""
     battery_percent: float = 80.0
     """Charge at the start [percent]."""
+    localized_in: Literal["scene", "scan"] = "scene"
+    """The map whose frame localization speaks in: the one that the scene was imported from (without one the scene's own
+    frame), or the one that `hotice scene scan` makes of the scene."""
     drift_m_s: float = 0.0
     """Speed at which localization drifts away, in a direction drawn by the seed [m/s]."""
     fault: tuple[str, ...] = ()
@@ -69,6 +72,7 @@ class SimulatedRobotConfig:
         checks.one_of("dynamics", self.dynamics, ("nominal", "drawn"))
         checks.one_of("silence", self.silence, ("hold", "limp", "damp"))
         checks.number("silence_after_s", self.silence_after_s, checks.POSITIVE)
+        checks.one_of("localized_in", self.localized_in, ("scene", "scan"))
         if self.machine not in WHOLE_MACHINES:
             raise InvalidConfig(
                 f"machine is {checks.shown(self.machine)}: simulated are those with 29 motors, "

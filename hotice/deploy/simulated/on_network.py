@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 
+from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.dds.battery import DdsBatteryEnd
 from hotice.deploy.dds.link import DdsRobot
 from hotice.deploy.dds.node import DdsNode
@@ -33,6 +34,7 @@ class NetworkRobot:
 
     def __init__(self, config: SimulatedRobotConfig, node: DdsNode, ports: Ports) -> None:
         """Joins. Raises `HoticeError`."""
+        self._clock = MonotonicClock()
         self._end = DdsRobot(node)
         self._battery = DdsBatteryEnd(node)
         self._switcher = DdsServer(node, SERVICE, self._answer)
@@ -41,6 +43,8 @@ class NetworkRobot:
 
     def step(self) -> None:
         """Lives 2 ms. Raises `SimulationError`, `LinkError`."""
+        # its sources stamp by this machine's clock, as programs beside the robot do
+        self.robot.epoch_s = self._clock.now() - self.robot.time_s
         self.robot.step()
         if self.robot.steps % BATTERY_STEPS == 0:
             self._battery.publish(self.robot.states.battery())

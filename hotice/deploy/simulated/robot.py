@@ -7,7 +7,10 @@ checksum or for another machine, are dropped by the robot's end of the link, and
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
 from hotice.deploy.command import DAMPING_KD
@@ -16,14 +19,16 @@ from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.simulated.config import SimulatedRobotConfig
 from hotice.deploy.simulated.gantry import Gantry
 from hotice.deploy.simulated.handing import Handing
+from hotice.deploy.simulated.lidar_map import map_in_scene
 from hotice.deploy.simulated.mishaps import Mishaps
 from hotice.deploy.simulated.motors import LIMP, MotorCommand
 from hotice.deploy.simulated.outgoing_states import OutgoingStates
 from hotice.deploy.simulated.remote import SimulatedRemote
-from hotice.deploy.simulated.senses.localization import Localization
+from hotice.deploy.simulated.senses.localization import Localization, MapPlace
 from hotice.deploy.simulated.senses.states import StateWriter
 from hotice.deploy.simulated.senses.tag_sight import CORNER_PX, LATENCY_S, TagSight
 from hotice.deploy.simulated.start import hang
+from hotice.deploy.simulated.story import Story
 from hotice.deploy.simulated.suffering import Suffering
 from hotice.deploy.simulated.world import STEP_S, World
 from hotice.deploy.sources.protocol import Sender
@@ -42,13 +47,26 @@ LATE_STEPS = 10
 DAMPED = LIMP._replace(kd=np.full(29, DAMPING_KD), on=np.ones(29, bool))
 
 
+@dataclass(frozen=True, kw_only=True)
+class DrawnRobot:
+    """A robot and its delays that were drawn elsewhere, in place of those that the configuration draws."""
+
+    change: Callable[[mujoco.MjModel], mujoco.MjModel]
+    """Makes the nominal model of 29 joints this robot."""
+    late: bool
+    """Whether states come a control step late."""
+    command_delay_s: float
+    """From a command's arrival until the motors obey [s]."""
+
+
 class SimulatedRobot:
     """Lives in steps of 2 ms: `step` after each of them has passed on the clock (see `LivingClock`).
 
     Attributes:
         world: robot, object and scene. remote: its gamepad. gantry: what holds or steadies it. handing: the object.
         states: what it says of itself, its battery too. localization, sight: its sources, None without a sender.
-        steps: how many it has lived.
+        story: what happened to it so far.
+        steps: how many it has lived. epoch_s: its start on the clock by which its sources stamp [s].
     """
 
     def __init__(
@@ -60,6 +78,7 @@ class SimulatedRobot:
         tags: Sender | None = None,
         carry: CarryState | None = None,
         scene: Scene | None = None,
+        drawn: DrawnRobot | None = None,
     ) -> None:
         """Puts it at its start.
 
@@ -69,11 +88,12 @@ class SimulatedRobot:
             pose, tags: take the samples of localization (`PoseSample`) and of the head camera (`TagSample`).
             carry: how it holds the configuration's box; default: `solve_carry`.
             scene: default: the configuration's.
+            drawn: default: by the configuration's `dynamics` and `delays`.
 
         Raises:
             HoticeError: no such scene, or a box that it cannot hold, or too small for tags
         """
-        self.config, self.end, self.steps = config, end, 0
+        self.config, self.end, self.steps, self.epoch_s = config, end, 0, 0.0
         protocol = get_protocol("robot")
         self.world = World(
             carry or solve_carry(config.carried),
@@ -81,6 +101,7 @@ class SimulatedRobot:
             protocol,
             protocol.dynamics if config.dynamics == "drawn" else protocol.nominal,
             config.seed,
+            None if drawn is None else drawn.change,
         )
         held = config.start == "held"
         if held:
@@ -91,16 +112,19 @@ class SimulatedRobot:
         """What the motors do now."""
         self._own = not held
         self.world.motors.command(self.told)
-        self._open_senses(pose, tags)
+        self._open_senses(pose, tags, drawn)
         self._due: deque[tuple[float, MotorCommand]] = deque()
         self._heard = 0
+        self.story = Story()
         self._keys_before: frozenset[str] = frozenset()
         self._presses = deque(sorted(config.presses, key=lambda press: press.from_s))
 
-    def _open_senses(self, pose: Sender | None, tags: Sender | None) -> None:
+    def _open_senses(self, pose: Sender | None, tags: Sender | None, drawn: DrawnRobot | None) -> None:
         config, world = self.config, self.world
         late, self._command_delay_s = False, 0.0
-        if config.delays == "trained":
+        if drawn is not None:
+            late, self._command_delay_s = drawn.late, drawn.command_delay_s
+        elif config.delays == "trained":
             late, self._command_delay_s = draw_delays(STUDENT_SENSING, LATE_STEPS * STEP_S, LATE_STEPS, config.seed)
         late_steps = LATE_STEPS if late else 0
         self.states = StateWriter(world, config.sensing, config.machine, config.battery_percent, self._rng(2))
@@ -114,6 +138,7 @@ class SimulatedRobot:
                 pose,
                 config.sensing,
                 self._rng(4),
+                place=MapPlace(map_in_scene(world.scene)) if config.localized_in == "scan" else None,
                 drift_m_s=config.drift_m_s,
                 latency_s=late_steps * STEP_S,
             )
@@ -169,7 +194,8 @@ class SimulatedRobot:
         self._suffering.of_sources(self.time_s, self.localization, self.sight)
         for sensor in (self.localization, self.sight):
             if sensor is not None:
-                sensor.live(self.time_s)
+                sensor.live(self.time_s, self.epoch_s + self.time_s)
+        self.story.see(self)
 
     def _hear(self) -> None:
         received = self.end.command()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,13 +35,21 @@ class World:
     """
 
     def __init__(
-        self, carry: CarryState, scene: Scene, protocol: Protocol, dynamics: DynamicsConfig, seed: int
+        self,
+        carry: CarryState,
+        scene: Scene,
+        protocol: Protocol,
+        dynamics: DynamicsConfig,
+        seed: int,
+        change: Callable[[mujoco.MjModel], mujoco.MjModel] | None = None,
     ) -> None:
-        """Compiles it; `dynamics` draws the robot's parameters with `seed`."""
+        """Compiles it; `dynamics` draws the robot's parameters with `seed`, or `change` makes them instead."""
         model = builder.build_model(carry.carried, scene, joints=29, timestep_s=STEP_S, elliptic=protocol.elliptic)
         # a diverged state must stay visible
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        if not dynamics.nominal:
+        if change is not None:
+            model = change(model)
+        elif not dynamics.nominal:
             model = perturb(model, dynamics, np.random.default_rng([seed, 1]))
         self.model, self.data = model, mujoco.MjData(model)
         self.carry, self.scene = carry, scene

@@ -19,10 +19,10 @@ from hotice.model.importers.floor import Floor, fit_floor
 from hotice.model.importers.formats import ply
 from hotice.model.importers.formats.octomap import read_octomap
 from hotice.model.importers.formats.pcd import read_pcd
-from hotice.model.importers.map_obstacles import bounds_of, boxes_of, meshes_of
+from hotice.model.importers.map_obstacles import MAX_BAND_M, bounds_of, boxes_of, meshes_of
 from hotice.model.importers.meshes import MESH_SUFFIXES, read_triangles, sample_surface
 from hotice.model.importers.options import FAR_M, ImportOptions
-from hotice.model.importers.upright import TURNED, fit_upright
+from hotice.model.importers.upright import TURNED, clearly_upright, fit_upright
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.source import MapSource
 
@@ -37,6 +37,8 @@ ALTITUDE_M = 10.0
 RESOLVED_M = 0.005
 MARGIN_M, HEIGHT_M = 1.0, 1.5
 """Default crop: this far beyond start and goal, and this high."""
+FLOOR_CELL_M, FLOOR_SHARE = 0.2, 0.9
+"""A scene without obstacles is believed where so many cells of its floor were seen."""
 BELOW_M, BELOW_SHARE = 2.5, 0.2
 """Where more lies this far below the floor than above it, and that share of everything, the floor is none."""
 _UP = {
@@ -136,8 +138,8 @@ def from_points(p_M: Points, options: ImportOptions, name: str, cell_m: float = 
     floor = floor if options.floor == "given" else floor.among_cells(near - origin, cell_m)
     floor = floor.about(origin)
     start, goal, low, high = _crop(floor, options)
-    p_W = floor.to_world(near)
-    p_W = p_W[((p_W >= [*low[:2], -np.inf]) & (p_W < high)).all(axis=1)]
+    near_W = floor.to_world(near)
+    p_W = near_W[((near_W >= [*low[:2], -np.inf]) & (near_W < high)).all(axis=1)]
     if options.floor == "fit":
         _check_above(p_W, options)
     boxes, group = boxes_of(p_W, low, high, floor, options, (start[:2], goal), cell_m=cell_m)
@@ -146,10 +148,11 @@ def from_points(p_M: Points, options: ImportOptions, name: str, cell_m: float = 
         "points": f"{len(p_M):,}, {len(p_M) - len(finite):,} not finite, {len(p_W):,} in the crop, {cells}",
         **_notes(floor, group, boxes),
     }
-    if not boxes:
+    if not boxes and not (_floor_is_seen(p_W, low, high) and clearly_upright(near_W)):
         raise InvalidMap(
-            f"gives no obstacle: of {len(p_W):,} points in the crop none is more than floor or noise; make the crop "
-            "larger (--size-m), or check start, goal, unit and up axis"
+            f"gives no obstacle: of {len(p_W):,} points in the crop none is more than floor or noise, and either that "
+            "floor is not seen everywhere, or nothing about it shows that it is the floor and no ceiling; make the "
+            "crop larger (--size-m), or check start, goal, unit and up axis"
         )
     scene = Scene(name, bounds_of(low, high), start, goal, tuple(boxes))
     return Imported(scene=scene, floor=floor, points_W=p_W, group=group, notes=notes)
@@ -270,6 +273,14 @@ def _check_above(p_W: Points, options: ImportOptions) -> None:
             f"{100 * above.sum() / len(p_W):.0f} % above it: is the map upside down? "
             f"Try --up={other}, or say that the floor is z = 0 already (--floor given)"
         )
+
+
+def _floor_is_seen(p_W: Points, low: Points, high: Points) -> bool:
+    """Whether points (n, 3) lie on nearly all of a crop's floor."""
+    on_floor = p_W[np.abs(p_W[:, 2]) < MAX_BAND_M]
+    edges = [np.arange(a, b + FLOOR_CELL_M, FLOOR_CELL_M) for a, b in zip(low[:2], high[:2], strict=True)]
+    count = np.histogram2d(on_floor[:, 0], on_floor[:, 1], bins=edges)[0]
+    return bool((count > 0).mean() >= FLOOR_SHARE)
 
 
 def _crop(

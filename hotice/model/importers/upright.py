@@ -30,6 +30,18 @@ SENSOR_M = (0.3, 3.0)
 """A map that begins at its sensor has its origin this high above the floor."""
 
 
+def clearly_upright(p_W: Points) -> bool:
+    """Whether things rise from the floor z = 0 of points (n, 3) [m], twice as many as hang from a ceiling at least."""
+    ceiling = 0.0
+    try:
+        down = fit_floor(p_W @ TURNED)
+        ceiling = float(np.median(p_W[:, 2] + down.to_world(p_W @ TURNED)[:, 2]))
+    except InvalidMap:
+        pass
+    for_up, for_down = _evidence(p_W, ceiling)
+    return for_up + for_down >= FEWEST and for_up - for_down >= CLEAR * (for_up + for_down)
+
+
 def fit_upright(p_M: Points) -> tuple[bool, Floor]:
     """Whether points (n, 3) [m] are upside down, and their floor in the frame that stands upright (z or `TURNED`).
 

@@ -51,7 +51,7 @@ class PickSensors(Sensors):
             steps = 1 + (length * LOST_S / self.dt_s).long()
             begins = (draw < self.dt_s / LOST_EVERY_S) & (self.lost[ids] == 0)
             self.lost[ids] = torch.where(begins, steps, (self.lost[ids] - 1).clamp(min=0))
-        measured = super().measure(s, ids, joint_offset, generator)
+        measured: Any = super().measure(s, ids, joint_offset, generator)
         return replace(measured, felt=self._feel(s, measured, ids))
 
     def _feel(self, s: PickSnapshot, measured: PickSnapshot, ids: Tensor) -> Tensor:

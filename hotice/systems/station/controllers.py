@@ -81,7 +81,8 @@ def _torque_and_status(system: System) -> tuple[Source, Source]:
 
 
 def _add_policy(builder: DiagramBuilder, setup: StationSetup, sensed: Sensed, latency_s: float) -> System:
-    policy = builder.AddNamedSystem("policy", PolicySystem(setup.policy, setup.carry, latency_s))
+    system = PolicySystem(setup.policy, setup.carry, latency_s, attraction=setup.pf.params.attraction)
+    policy = builder.AddNamedSystem("policy", system)
     connect(builder, *sensed.percept, policy, "percept")
     connect(builder, *sensed.guidance, policy, "guidance")
     return policy

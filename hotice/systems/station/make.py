@@ -187,8 +187,7 @@ def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any, faults
             connect(builder, *sources, safety, "sources")
         connect(builder, safety, "answer", builder.GetSubsystemByName("policy"), "answer")
     connect(builder, safety, "command", plant, "actuation")
-    if setup.plant_name == "mujoco":
-        connect(builder, safety, "damped", plant, "damped")
+    connect(builder, safety, "damped", plant, "damped")
     if config.log_hz:
         add_loggers(builder, 1.0 / config.log_hz)
     if meshcat is not None:

@@ -141,11 +141,11 @@ def test_enclosed_air_is_kept_by_masks():
 # clouds
 
 
-def hall(rng, ceiling=True):
-    """The sensor's view of a hall: z = 0 is 1.2 m above the floor, the ceiling as far above."""
+def hall(rng, ceiling=True, low=(0.8, 0.5, -1.2), high=(1.2, 0.9, -0.4)):
+    """The sensor's view of a hall with a block: z = 0 is 1.2 m above the floor, the ceiling as far above."""
     parts = [
         rectangle(rng, 30_000, (-3, -3, -1.2), (8, 0, 0), (0, 6, 0)),
-        block(rng, 8000, (0.8, 0.5, -1.2), (1.2, 0.9, -0.4)),
+        block(rng, 8000, low, high),
         rectangle(rng, 15_000, (-3, -3, -1.2), (8, 0, 0), (0, 0, 2.4)),
         rectangle(rng, 15_000, (-3, -3, -1.2), (0, 6, 0), (0, 0, 2.4)),
     ]
@@ -190,6 +190,22 @@ def test_a_map_that_says_neither_is_asked_for():
     assert not fit_upright(floor)[0]
     assert not fit_upright(floor + [0.0, 0.0, -1.2])[0]  # the map's origin, the sensor, is above
     assert fit_upright(floor + [0.0, 0.0, 1.2])[0]
+
+
+def test_an_open_floor_in_a_hall_is_a_scene_without_obstacles():
+    """If something beside it shows that it is the floor, and all of it was seen."""
+    rng = np.random.default_rng(7)
+    for ceiling in (True, False):
+        points = hall(rng, ceiling, (0.8, 2.0, -1.2), (1.2, 2.4, -0.4))
+        assert from_points(points, ACROSS, "a").scene.obstacles == ()
+        turned_over = from_points(points @ TURNED, ACROSS, "a")
+        assert turned_over.upside_down and turned_over.scene.obstacles == ()
+        hole = (np.abs(points[:, :2] - (1.0, 0.0)) < 0.7).all(axis=1) & (points[:, 2] < -1.1)
+        with pytest.raises(InvalidMap, match="not seen everywhere"):
+            from_points(points[~hole], ACROSS, "a")
+    upside_down = hall(rng, True, (0.8, 2.0, -1.2), (1.2, 2.4, -0.4)) @ TURNED
+    with pytest.raises(InvalidMap, match="no ceiling"):
+        from_points(upside_down, ImportOptions(start=(0.0, 0.0), goal=(2.0, 0.0), up="z"), "a")
 
 
 def test_a_cloud_without_obstacles_or_below_its_floor_is_refused():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from hotice.deploy.sources.protocol import Sender
 from hotice.deploy.sources.records import PoseSample
 from hotice.model import g1
 from hotice.model.frames import rotation_z
+from hotice.model.scene import Scene
 from hotice.task.sensing import SensingConfig
 
 Array = NDArray[np.float64]
@@ -19,13 +22,23 @@ RATE_HZ = 10.0
 """Of FAST-LIO with the usual driver, and the rate that students are trained with."""
 
 
-def in_map(world: World, X_WB: Pose) -> tuple[Array, Array]:
-    """Position in the map's unit and quaternion of a body whose pose is known in the scene; M is W without a map."""
-    source = world.scene.source
-    if source is None:
-        return X_WB.p, X_WB.quat
-    X_MB = Pose.of(source.position_m, source.quaternion_wxyz).inverse @ X_WB
-    return X_MB.p / source.unit_m, X_MB.quat
+class MapPlace(NamedTuple):
+    """Where the map M of localization lies in the scene, and how long its unit is."""
+
+    X_WM: Pose
+    unit_m: float = 1.0
+
+    @classmethod
+    def of(cls, scene: Scene) -> MapPlace:
+        """By the scene's `source`; without one M is W."""
+        if scene.source is None:
+            return cls(Pose(np.eye(3), np.zeros(3)))
+        return cls(Pose.of(scene.source.position_m, scene.source.quaternion_wxyz), scene.source.unit_m)
+
+    def pose(self, X_WB: Pose) -> tuple[Array, Array]:
+        """Position in the map's unit and quaternion of a body whose pose is known in the scene."""
+        X_MB = self.X_WM.inverse @ X_WB
+        return X_MB.p / self.unit_m, X_MB.quat
 
 
 class Localization:
@@ -41,9 +54,12 @@ class Localization:
         sensing: SensingConfig,
         rng: np.random.Generator,
         *,
+        place: MapPlace | None = None,
         drift_m_s: float = 0.0,
         latency_s: float = 0.0,
     ) -> None:
+        """`place`: of the map, default `MapPlace.of` the world's scene."""
+        self._place = place or MapPlace.of(world.scene)
         self._world, self._sensing, self._rng = world, sensing, rng
         self._posting = Posting(sender, RATE_HZ, latency_s)
         along = rng.uniform(-np.pi, np.pi)
@@ -52,8 +68,8 @@ class Localization:
         self.lost = self.frozen = self.nan = False
         self.offset_m, self.turn_rad = 0.0, 0.0
 
-    def live(self, time_s: float) -> None:
-        """Measures if it is time, and sends what is due. Raises `LinkError`."""
+    def live(self, time_s: float, stamp_s: float | None = None) -> None:
+        """Measures if it is time, and sends what is due; `stamp_s`: now on the sender's clock. Raises `LinkError`."""
         if self._posting.due(time_s):
             position, quat = self._measure(time_s)
             if self.frozen:
@@ -62,7 +78,12 @@ class Localization:
                 self._frozen = None
             if self.nan:
                 position = position * np.nan
-            sample = PoseSample(number=self._posting.number, measured_s=time_s, p_ML=position, quat_ML=quat)
+            sample = PoseSample(
+                number=self._posting.number,
+                measured_s=time_s if stamp_s is None else stamp_s,
+                p_ML=position,
+                quat_ML=quat,
+            )
             self._posting.post(sample.encode(), time_s, lost=self.lost)
         self._posting.send(time_s)
 
@@ -73,4 +94,4 @@ class Localization:
         turn = rotation_z(self._sensing.root_yaw_rad * draws[3] + self.turn_rad)
         place = true.p + self._sensing.root_pos_m * draws[:3] + self._drift_W * time_s + [self.offset_m, 0.0, 0.0]
         X_WP = Pose(turn @ true.R, place)
-        return in_map(self._world, X_WP @ lidar_in_pelvis(self._world.joint_pos[list(WAIST)]))
+        return self._place.pose(X_WP @ lidar_in_pelvis(self._world.joint_pos[list(WAIST)]))

@@ -51,12 +51,17 @@ class TagSight:
         self._object = world.model.body(builder.OBJECT_BODY).id
         self.lost = self.foreign = False
 
-    def live(self, time_s: float) -> None:
-        """Takes a picture if it is time, and sends what is due. Raises `LinkError`."""
+    def live(self, time_s: float, stamp_s: float | None = None) -> None:
+        """Takes a picture if it is time, and sends what is due; `stamp_s` as of localization. Raises `LinkError`."""
         if self._posting.due(time_s):
             ids, corners = ([], np.zeros((0, 4, 2))) if self.lost else self.look()
             found = np.array(ids, dtype=np.int64) + (FOREIGN if self.foreign else 0)
-            sample = TagSample(number=self._posting.number, measured_s=time_s, ids=found, corners_px=corners)
+            sample = TagSample(
+                number=self._posting.number,
+                measured_s=time_s if stamp_s is None else stamp_s,
+                ids=found,
+                corners_px=corners,
+            )
             self._posting.post(sample.encode(), time_s)
         self._posting.send(time_s)
 
