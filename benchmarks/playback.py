@@ -2,10 +2,10 @@
 
     python -m benchmarks.playback --picks picks.npz [--shape box] [--count 50] [--exact]
 
-Each pick of a book (`hotice pickup plan`) is played once by `hotice.control.playback.Player`: joint targets at 50 Hz, no
-forces, no QP. Perturbed: a robot of the protocol's dynamics for each, its encoders' zeros off, readings of joints
-± 0.03 rad and of gravity ± 0.05 wrong at every step, the object up to 1 cm and 2 degrees from where the plan has it.
-`--exact`: the nominal robot, no noise. Success: in the carry state for 5 s (`hotice.task.rules`).
+Each pick of a book (`hotice pickup plan`) is played once by `hotice.control.playback.Player`: joint targets at 50 Hz,
+no forces, no QP. Perturbed: a robot of the protocol's dynamics for each, its encoders' zeros off, late motors; joints
+± 0.03 rad, gravity ± 0.05 and gyro ± 0.2 rad/s wrong at every step, the object up to 1 cm and 2 degrees from where the
+plan has it. `--exact`: the nominal robot, no noise. Success: in the carry state for 5 s (`hotice.task.rules`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from rich.progress import track
 
+from benchmarks.arguments import a_count, a_seed
 from hotice.control.playback import Player
 from hotice.evaluate.trials import success_interval
 from hotice.model import g1
@@ -27,8 +28,6 @@ from hotice.task.config import TaskConfig
 from hotice.task.pickup import perturbed, pickup_task
 from hotice.task.protocols import get_protocol
 from hotice.task.rules import OUTCOMES
-
-TILT_FILTER = 0.1
 
 
 def play(book: PickBook, exact: bool, seed: int) -> list[str]:
@@ -52,15 +51,14 @@ def play(book: PickBook, exact: bool, seed: int) -> list[str]:
     players = [Player(book, i) for i in range(n)]
     memory = [p.start() for p in players]
     code, offset, off = np.zeros(n, dtype=int), env.carry.joint_offset.numpy(), 0.0 if exact else 1.0
-    down = -env.physics.xmat[:, env.layout.pelvis, 2].numpy()
     for _ in track(range(env.config.max_steps), description="playing"):
         env.physics.only = torch.nonzero(torch.tensor(code == 0)).squeeze(1)
         joints = env.physics.qpos[:, g1.JOINT_POS].numpy() + offset + off * rng.uniform(-0.03, 0.03, (n, 20))
-        read = -env.physics.xmat[:, env.layout.pelvis, 2].numpy() + off * rng.uniform(-0.05, 0.05, (n, 3))
-        down = down + (TILT_FILTER if off else 1.0) * (read - down)
+        down = -env.physics.xmat[:, env.layout.pelvis, 2].numpy() + off * rng.uniform(-0.05, 0.05, (n, 3))
+        gyro = env.physics.qvel[:, g1.ROOT_RATE].numpy() + off * rng.uniform(-0.2, 0.2, (n, 3))
         target = np.zeros((n, g1.ACTIONS))
         for i in np.flatnonzero(code == 0):
-            target[i], memory[i] = players[i].step(memory[i], joints[i], down[i])
+            target[i], memory[i] = players[i].step(memory[i], joints[i], down[i], gyro[i])
         action = (torch.tensor(target, dtype=torch.float32) - env.carry.target) / env.action_scale
         outcome = env.step(action).outcome.numpy()
         code = np.where(code == 0, outcome, code)
@@ -73,8 +71,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--picks", type=Path, required=True)
     parser.add_argument("--shape", choices=SHAPES, default=None)
-    parser.add_argument("--count", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=a_count, default=50)
+    parser.add_argument("--seed", type=a_seed, default=0)
     parser.add_argument("--exact", action="store_true", help="without noise, the nominal robot")
     args = parser.parse_args()
     book = PickBook.load(args.picks)

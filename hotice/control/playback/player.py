@@ -16,13 +16,18 @@ from hotice.model.picks.book import BOOK_PHASES, DT_S, TRACK_PLACE, TRACK_RATE, 
 Array = NDArray[np.float64]
 
 
+TRACK_TILT = 0.1
+"""Share of its difference from the measured direction of gravity that the filtered one takes over at each step."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class PlayerMemory:
-    """Steps so far; offset (2,) and rate (2,) of the pelvis [m], [m/s]."""
+    """Steps so far; offset (2,) and rate (2,) of the pelvis [m], [m/s]; gravity's direction in P (3,)."""
 
     step: int = 0
     offset: Array
     rate: Array
+    down_P: Array
 
 
 class Player:
@@ -47,17 +52,25 @@ class Player:
 
     def start(self) -> PlayerMemory:
         """Memory before the first step."""
-        return PlayerMemory(offset=np.zeros(2), rate=np.zeros(2))
+        return PlayerMemory(offset=np.zeros(2), rate=np.zeros(2), down_P=np.array([0.0, 0.0, -1.0]))
 
-    def step(self, memory: PlayerMemory, joint_pos: Array, gravity_P: Array) -> tuple[Array, PlayerMemory]:
-        """Targets (20,) [rad] for joint angles (20,) and the direction of gravity in the pelvis frame (3,)."""
+    def step(
+        self, memory: PlayerMemory, joint_pos: Array, gravity_P: Array, gyro_P: Array
+    ) -> tuple[Array, PlayerMemory]:
+        """Targets (20,) [rad] for joint angles (20,), gravity's direction (3,) and the rate (3,) [rad/s] of the pelvis.
+
+        Gravity is turned on by the gyro and pulled to what is measured now: a filter that does not lag.
+        """
         k = min(memory.step, len(self._phase) - 1)
-        offset = self.offset_of(joint_pos, gravity_P) - self._zero - self._pelvis[k, :2]
+        predicted = memory.down_P + DT_S * np.cross(memory.down_P, gyro_P)
+        down = predicted + max(1.0 / (memory.step + 1), TRACK_TILT) * (gravity_P - predicted)
+        down /= np.linalg.norm(down)
+        offset = self.offset_of(joint_pos, down) - self._zero - self._pelvis[k, :2]
         foreseen = memory.offset + DT_S * memory.rate
         found = foreseen + TRACK_PLACE * (offset - foreseen)
         rate = memory.rate + TRACK_RATE / DT_S * (offset - foreseen)
         target = self.target[k] + balance(found, rate)
-        return target, replace(memory, step=memory.step + 1, offset=found, rate=rate)
+        return target, replace(memory, step=memory.step + 1, offset=found, rate=rate, down_P=down)
 
     def phase(self, memory: PlayerMemory) -> str:
         """Name of what the next step does."""
