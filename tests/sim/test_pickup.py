@@ -13,9 +13,9 @@ import torch
 from hotice.errors import InvalidConfig
 from hotice.model import g1
 from hotice.model.dynamics import ROBOT_NOMINAL
-from hotice.model.picks.book import TRACK_PLACE, TRACK_RATE, PickBook, balance
+from hotice.model.picks.book import LEAN_HZ, STIFFER, TRACK_PLACE, TRACK_RATE, PickBook, balance
 from hotice.sim.observations import mirror_action
-from hotice.sim.pickup.env import LEAN_HZ, STIFFER, PickUpEnv
+from hotice.sim.pickup.env import PickUpEnv
 from hotice.sim.pickup.snapshot import half_span
 from hotice.sim.pickup.tables import POLICY
 from hotice.task import rules

@@ -10,7 +10,16 @@ from torch import Tensor
 from hotice import checks
 from hotice.errors import InvalidConfig
 from hotice.model import g1
-from hotice.model.picks.book import DT_S, OFF_M, OFF_M_S, PickBook, balance_gains
+from hotice.model.picks.book import (
+    DT_S,
+    LEAN_HZ,
+    LEAN_M_S,
+    OFF_M,
+    OFF_M_S,
+    STIFFER,
+    PickBook,
+    balance_gains,
+)
 from hotice.model.scene import Scene
 from hotice.sim.batch_env import BatchEnv
 from hotice.sim.observations import ObservationTable
@@ -29,10 +38,6 @@ from hotice.task.presets import get_preset
 from hotice.task.rules import outcome_code
 
 MARGIN_M = 0.003
-STIFFER = 0.5
-"""The teacher's legs: a servo that is so much stiffer, as a share of itself."""
-LEAN_HZ, LEAN_M_S = 0.5, 0.03
-"""The teacher's slow balance: share of the offset's sum over time, and the sum's limit."""
 WAIT_STEPS = 300
 
 
