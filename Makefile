@@ -16,7 +16,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check 
 SOURCES := hotice tests benchmarks tools
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format type docs notebooks benchmark install clean distclean
+.PHONY: help demo test test-fast lint format type docs notebooks readme benchmark install clean distclean
 
 help: ## Show this list
 	@awk 'BEGIN {FS = ":.*## "} /^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -33,8 +33,9 @@ $(VENV)/.core: pyproject.toml constraints.txt | $(BIN)/python
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP_INSTALL) -e ".[dev,drake,gpu,video,cluster,deploy,mcap]"
+	$(PIP_INSTALL) -e ".[dev,docs,drake,gpu,video,cluster,deploy,mcap]"
 	@$(BIN)/python tools/check_no_cuda.py
+	$(BIN)/python -m hotice warm
 	@touch $@ $(VENV)/.core
 
 install: $(VENV)/.dev ## Install everything that tests and notebooks need
@@ -59,11 +60,14 @@ format: $(VENV)/.dev ## Mend style and layout
 type: $(VENV)/.dev ## Check types
 	$(BIN)/pyright
 
-docs: $(VENV)/.dev ## Write the API reference to build/reference; any warning and any lost name fails
-	OMP_NUM_THREADS=1 $(BIN)/python -m tools.reference build/reference
+docs: $(VENV)/.dev ## Write the documentation with the API reference to build/site; any warning and any lost name fails
+	OMP_NUM_THREADS=1 $(BIN)/python -m tools.site build/site
 
 notebooks: $(VENV)/.dev ## Execute every notebook, with a short training
 	HOTICE_TRAIN_MINUTES=$${HOTICE_TRAIN_MINUTES:-0.5} $(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks $(ARGS)
+
+readme: $(VENV)/.dev ## Type whatever the README says to type, with small numbers
+	$(BIN)/python -m tools.try_readme
 
 benchmark: $(VENV)/.core ## Measure throughput
 	$(BIN)/python -m hotice.learn benchmark $(ARGS)

@@ -2,8 +2,9 @@
 
     python -m benchmarks.stopping [--moments 6] [--json out.json]
 
-Moments: a walking policy gives up (at several times of a carry, both feet and one), and a robot that was pushed over
-leans by 57 degrees. From each the joints are stopped in each way, in steps of 2 ms, motors as implicit actuators.
+Moments: a walking policy gives up (at several times of a carry, both feet and one); a robot that stood or walked and
+was pushed over leans by 60 degrees, or is seen falling before (`hotice.safety`, fault FALLING). From each the joints
+are stopped in each way, in steps of 2 ms, motors as implicit actuators. Earlier: time from FALLING to 60 degrees [s].
 Largest joint speed: over all joints, in the 100 ms before the stop, in the 100 ms after it and later. Sinking: of the
 pelvis, as it passes 0.45 m. Torque: largest share of a motor's limit. Box: kept for a second.
 """
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -24,10 +25,14 @@ from benchmarks.arguments import a_count
 from hotice.console import PlainConsole
 from hotice.files import write_text
 from hotice.model import g1
-from hotice.systems import StationConfig, make_station
-from hotice.task.rules import APART_M
+from hotice.safety import MeasurementLimits
+from hotice.safety.judge import lean_ahead
+from hotice.safety.limits import AHEAD_S, FALLING_S
+from hotice.systems import SafetyLimits, Station, StationConfig, make_station
+from hotice.task.rules import APART_M, UPRIGHT
 
 DT_S, WATCHED_S, LOW_M = 0.002, 2.0, 0.45
+CONTROL_DT_S, PUSH_M_S = 0.02, {"hold": 2.5, "policy": 3.0}
 ARMS = np.array([any(part in joint for part in ("shoulder", "elbow")) for joint in g1.ACTION_JOINTS])
 
 
@@ -95,31 +100,87 @@ def stop(model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray, target: np.n
     }
 
 
-def moments(number: int) -> list[tuple[str, object, np.ndarray, np.ndarray, float]]:
-    """Kind, station, qpos, qvel and largest joint speed of the 100 ms before."""
+@dataclass(frozen=True)
+class Moment:
+    """A state in which a robot is stopped: kind, qpos and qvel, largest joint speed of the 100 ms before [rad/s].
+
+    `earlier`: time until it leans by 60 degrees when nothing stops it [s]; NaN: it walks.
+    """
+
+    kind: str
+    station: Station
+    qpos: np.ndarray
+    qvel: np.ndarray
+    before: float
+    earlier: float = np.nan
+
+
+class Watched:
+    """A station in steps of 10 ms, with the joint speeds of the last 100 ms."""
+
+    def __init__(self, controller: str, seed: int) -> None:
+        # nothing of the station's own stops it
+        never = SafetyLimits(tilt_rad=np.pi, falling_rad=np.pi, gyro_rad_s=99.0, joint_speed_rad_s=99.0)
+        config = StationConfig(seed=seed, physics_dt_s=DT_S, safety=never)
+        self.station, self.time_s, self.speeds = make_station(config, controller=controller), 0.0, [0.0]
+        self.simulator, self.plant = Simulator(self.station), self.station.GetSubsystemByName("plant")
+        self.context = self.plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
+
+    def advance(self, until_s: float) -> tuple[np.ndarray, np.ndarray]:
+        while self.time_s < until_s - 1e-9:
+            self.time_s += 0.01
+            self.simulator.AdvanceTo(self.time_s)
+            self.speeds.append(np.abs(self.state()[1][g1.JOINT_VEL]).max())
+        return self.state()
+
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        qpos, qvel = np.split(self.plant.GetOutputPort("state").Eval(self.context).copy(), [self.plant.nq])
+        return qpos, qvel
+
+    def moment(self, kind: str) -> Moment:
+        return Moment(kind, self.station, *self.state(), max(self.speeds[-10:]))
+
+    def push(self, size_m_s: float, angle_rad: float) -> None:
+        qpos, qvel = self.state()
+        qvel[:2] += size_m_s * np.array([np.cos(angle_rad), np.sin(angle_rad)])
+        self.plant.set_state(self.context, qpos, qvel)
+
+
+def walking(number: int) -> list[Moment]:
+    """Moments of a carry in which the policy gives up."""
     found = []
-    for kind in ("walking", "pushed"):
-        for k in range(number):
-            walking = kind == "walking"
-            station = make_station(StationConfig(seed=k, physics_dt_s=DT_S), controller="policy" if walking else "hold")
-            simulator = Simulator(station)
-            plant = station.GetSubsystemByName("plant")
-            context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-            if not walking:
-                qvel, angle = np.zeros(plant.nv), 2.0 * np.pi * k / number
-                qvel[:2] = 2.5 * np.cos(angle), 2.5 * np.sin(angle)
-                plant.set_state(context, station.start_qpos, qvel)
-            before, time_s = [], 0.0
-            end = 0.5 + 0.13 * k if walking else 2.0
-            while time_s < end - 1e-9:
-                time_s += 0.01
-                simulator.AdvanceTo(time_s)
-                qpos, qvel = np.split(plant.GetOutputPort("state").Eval(context).copy(), [plant.nq])
-                before.append(np.abs(qvel[g1.JOINT_VEL]).max())
-                if not walking and 1.0 - 2.0 * (qpos[4] ** 2 + qpos[5] ** 2) < np.cos(1.0):
-                    break
-            found.append((kind, station, qpos, qvel, max(before[-10:])))
+    for k in range(number):
+        watched = Watched("policy", k)
+        watched.advance(0.5 + 0.13 * k)
+        found.append(watched.moment("walking"))
     return found
+
+
+def pushed_over(controller: str, number: int) -> list[Moment]:
+    """Moments of falls: when FALLING would be answered, and at 60 degrees; other pushes are left out."""
+    found, name = [], {"hold": "standing", "policy": "walking"}[controller]
+    for k in range(number):
+        watched = Watched(controller, k)
+        watched.advance(0.02 if controller == "hold" else 0.5 + 0.13 * k)
+        watched.push(PUSH_M_S[controller], 2.0 * np.pi * k / number)
+        since, seen, begun = np.inf, None, watched.time_s
+        while watched.time_s < begun + 3.0:
+            qpos, qvel = watched.advance(watched.time_s + CONTROL_DT_S)
+            falls = lean_ahead(qpos[3:7], qvel[3:6], AHEAD_S) > MeasurementLimits.falling_rad
+            since = min(since, watched.time_s) if falls else np.inf
+            if seen is None and watched.time_s - since >= FALLING_S - 1e-9:
+                seen = watched.moment(f"{name}, falling"), watched.time_s
+            if 1.0 - 2.0 * (qpos[4] ** 2 + qpos[5] ** 2) < UPRIGHT:
+                leaning = replace(watched.moment(f"{name}, 60 degrees"), earlier=0.0)
+                first = seen or (replace(leaning, kind=f"{name}, falling"), watched.time_s)
+                found += [replace(first[0], earlier=watched.time_s - first[1]), leaning]
+                break
+    return found
+
+
+def _mean(values: list[float]) -> float:
+    known = [v for v in values if np.isfinite(v)]
+    return float(np.mean(known)) if known else np.nan
 
 
 def main() -> None:
@@ -129,10 +190,12 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     rows: dict[str, dict[str, dict[str, float]]] = {}
-    for kind, station, qpos, qvel, before in moments(args.moments):
+    moments = [*walking(args.moments), *pushed_over("hold", args.moments), *pushed_over("policy", args.moments)]
+    for m in moments:
         for name, way in WAYS.items():
-            figures = stop(station.setup.model(), qpos, qvel, station.carry.joint_target, way)
-            rows.setdefault(kind, {}).setdefault(name, []).append({"before": before, **figures})  # type: ignore[attr-defined]
+            figures = stop(m.station.setup.model(), m.qpos, m.qvel, m.station.carry.joint_target, way)
+            figures |= {"before": m.before, "earlier": m.earlier}
+            rows.setdefault(m.kind, {}).setdefault(name, []).append(figures)  # type: ignore[attr-defined]
     for kind, ways in rows.items():
         table = Table(
             "way",
@@ -144,16 +207,17 @@ def main() -> None:
             "torque",
             "box",
             "down",
-            title=kind,
+            "earlier",
+            title=f"{kind}: {len(next(iter(ways.values())))} moments",
         )
         for name, runs in ways.items():
-            mean = {key: float(np.nanmean([r[key] for r in runs])) for key in runs[0]}  # type: ignore[index]
+            mean = {key: _mean([r[key] for r in runs]) for key in runs[0]}  # type: ignore[index]
             ways[name] = mean
             table.add_row(
                 name,
                 *(
                     f"{mean[k]:.2f}"
-                    for k in ("before", "soon", "at_100_ms", "later", "sinking", "torque", "kept", "down")
+                    for k in ("before", "soon", "at_100_ms", "later", "sinking", "torque", "kept", "down", "earlier")
                 ),
             )
         PlainConsole(width=140).print(table)

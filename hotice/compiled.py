@@ -19,6 +19,7 @@ import numba
 from numba.core import config
 
 from hotice.caches import NotKept, cache_folder
+from hotice.compiling import COMPILING
 from hotice.errors import OutputError
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -26,9 +27,10 @@ _PACKAGE = Path(__file__).resolve().parent
 
 def compiled(function: Callable | None = None, /, **options: Any) -> Any:
     """Decorator: `numba.njit(**options)`, cached. Kept in $NUMBA_CACHE_DIR, else as `hotice.caches` says."""
+    COMPILING.watch()
     if function is None:
         return lambda f: compiled(f, **options)
-    folder = _cache_folder()
+    folder = kept_in()
     if folder is None:
         return numba.njit(**options)(function)
     before = config.CACHE_DIR  # type: ignore[attr-defined]
@@ -40,8 +42,11 @@ def compiled(function: Callable | None = None, /, **options: Any) -> Any:
 
 
 @lru_cache
-def _cache_folder() -> Path | None:
-    """None: nothing is kept, with a warning; never where others could have put something, which would be run."""
+def kept_in() -> Path | None:
+    """Where compiled functions are kept; None: nowhere, with a warning.
+
+    Never where others could have put something, which would be run.
+    """
     given = os.environ.get("NUMBA_CACHE_DIR")
     try:
         return cache_folder(f"numba-{_digest()}", Path(given) / "hotice" if given else None)

@@ -2,19 +2,24 @@
 
     python -m hotice.demo [--out out/demo] [--rollouts 20]
 
-Builds the fields of open floor, pipe and side gap, scores the policy with exact geometry, and writes a table (JSON),
-one self-contained replay page and an overview picture.
+Compiles what is compiled once, builds the fields of open floor, pipe and side gap, scores the policy with exact
+geometry, writes a table (JSON), one self-contained replay page and an overview picture, and says what to type next.
 """
 
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
-DEMO_POLICY = "carry"
+DEMO_POLICY = "student"
 SCENES = ("open_floor", "pipe", "gap")
+NEXT = """
+next, after `source .venv/bin/activate`:
+  hotice play --policy student --scene beam --out beam.html                     look at it in another scene
+  hotice evaluate --policy student --scenes bench20 --rollouts 4 --seed 1       score it in twenty
+  hotice train --num-envs 256 --max-minutes 10 --out runs/first                 train one of your own
+  hotice --help                                                                 all commands"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +44,8 @@ def run(config: DemoConfig) -> None:
     """Runs the demo. Raises `HoticeError`."""
     import numpy as np
 
+    from hotice.commands.warm import warm
+    from hotice.compiling import apart
     from hotice.console import PlainConsole
     from hotice.evaluate.config import EvaluateConfig
     from hotice.evaluate.record import record_rollouts
@@ -59,13 +66,13 @@ def run(config: DemoConfig) -> None:
     policy = load_policy(config.policy)
     scenes = load_scenes(config.scenes)
     make_folder(config.out)
+    warm()
     for scene in scenes:
-        begin = time.perf_counter()
-        field = build_hod_pf(scene)
         pelvis = np.array([*scene.start[:2], 0.75])
+        with apart() as took_s:
+            length_m = float(build_hod_pf(scene).sgf.geodesic_distance(pelvis))
         console.print(
-            f"fields of {scene.name}: {len(scene.obstacles)} obstacles, path of "
-            f"{float(field.sgf.geodesic_distance(pelvis)):.2f} m, {time.perf_counter() - begin:.1f} s"
+            f"fields of {scene.name}: {len(scene.obstacles)} obstacles, path of {length_m:.2f} m, {took_s():.1f} s"
         )
     report, page, picture = files
     evaluate(
@@ -88,13 +95,14 @@ def run(config: DemoConfig) -> None:
     write_overview(records[:: config.shown], picture)
     for what, path in (("report", report), ("replay", page), ("picture", picture)):
         console.print(f"{what:>8}: {path.resolve()}", soft_wrap=True)
+    console.print(NEXT, soft_wrap=True)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Command line; see `hotice.commands.program.guarded`."""
     import tyro
 
-    from hotice.commands.help_text import unbroken_help
+    from hotice.commands.line.help_text import unbroken_help
     from hotice.commands.program import guarded
 
     def work() -> int:

@@ -10,6 +10,7 @@ __all__ = [
     "CarryInfeasible",
     "CheckpointError",
     "DivergedError",
+    "FieldsNotBuilt",
     "HoticeError",
     "InputError",
     "InvalidConfig",
@@ -35,11 +36,15 @@ class HoticeError(Exception):
 
 
 class UnknownName(HoticeError):
-    """A name that is not in a table: says which names are, and `otherwise` what else may be given."""
+    """A name that is not in a table: says which names are, the nearest one, and `otherwise` what else may be given."""
 
     def __init__(self, kind: str, name: object, known: Iterable[object], otherwise: str = "") -> None:
-        names = ", ".join(sorted(map(str, known))) or "none"
-        super().__init__(f"unknown {kind} {name!r}: known are {names}{f', or {otherwise}' if otherwise else ''}")
+        from difflib import get_close_matches
+
+        known = sorted(map(str, known))
+        near = "".join(f", did you mean {each}?" for each in get_close_matches(str(name)[:80], known, 1, 0.75))
+        names = ", ".join(known) or "none"
+        super().__init__(f"unknown {kind} {name!r}{near}: known are {names}{f', or {otherwise}' if otherwise else ''}")
 
 
 class InvalidScene(HoticeError):
@@ -56,6 +61,10 @@ class InvalidState(HoticeError):
 
 class UnreachableGoal(HoticeError):
     """A scene in which no free path joins start and goal; says why."""
+
+
+class FieldsNotBuilt(HoticeError):
+    """Fields of a scene that changes are not to be had: not in time, not of this scene, or their process has ended."""
 
 
 class CarryInfeasible(HoticeError):

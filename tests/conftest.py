@@ -1,6 +1,7 @@
 """What tests of several folders share: a folder and threads of their own, objects in hands, a tiny trained run."""
 
 import dataclasses
+import os
 import signal
 import sys
 
@@ -10,6 +11,9 @@ import pytest
 
 from hotice.model import Box
 from hotice.model.objects import Cylinder, Sphere
+
+# Tests read every line that commands say, and not all that they run was compiled before.
+os.environ.setdefault("HOTICE_QUIET", "1")
 
 TINY = {
     "num-envs": 8,

@@ -117,12 +117,16 @@ def test_documents_import_from_faces_alone(path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", python_of(ROOT / "README.md"), ids=lambda block: re.findall("import (.*)", block)[-1])
-def test_the_readmes_code_runs(block, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "block",
+    [block for page in ("README.md", "docs/python.md") for block in python_of(ROOT / page)],
+    ids=lambda block: re.findall("import (.*)", block)[-1],
+)
+def test_the_code_for_a_first_look_runs(block, tmp_path, monkeypatch):
     if "pydrake" in block:
         pytest.importorskip("pydrake")
     monkeypatch.chdir(tmp_path)
-    exec(compile(block, "README.md", "exec"), {})
+    exec(compile(block, "document", "exec"), {})
 
 
 def test_types_are_shipped():

@@ -1,5 +1,5 @@
-"""Imports point left only, by the lines of the README's layout; no circles, no crowded folders, heavy packages where
-they may be.
+"""Imports point left only, by the lines of the layout in docs/design.md; no circles, no crowded folders, heavy packages
+where they may be.
 
 Everything is read from the source, without importing it: imports for types and inside functions count too.
 """
@@ -16,7 +16,7 @@ import pytest
 import hotice
 
 PACKAGE = Path(hotice.__file__).parent
-README = PACKAGE.parent / "README.md"
+DESIGN = PACKAGE.parent / "docs" / "design.md"
 DOORS = {(f"hotice{name}.__main__", "hotice.commands.program") for name in ("", ".learn")}
 """The arrows that point right: `python -m hotice` and `python -m hotice.learn`."""
 CROWDED = 20
@@ -151,9 +151,9 @@ def layer(module: str) -> str:
 
 @cache
 def contract() -> tuple[dict[str, set[str]], set[str]]:
-    """What each layer may import, and the ground that all may import; from the README's layout."""
-    block = re.search(r"^## Layout\n.*?```text\n(.*?)```", README.read_text(encoding="utf-8"), re.S | re.M)
-    assert block, "the README's layout holds the layers' lines in a block ```text"
+    """What each layer may import, and the ground that all may import; from the layout in docs/design.md."""
+    block = re.search(r"^## Layout\n.*?```text\n(.*?)```", DESIGN.read_text(encoding="utf-8"), re.S | re.M)
+    assert block, "the layout in docs/design.md holds the layers' lines in a block ```text"
     may, ground = defaultdict(set), set()
     for line in block[1].splitlines():
         steps = [{name.strip() for name in step.split(",")} for step in line.split("(")[0].split("←")]
@@ -168,7 +168,7 @@ def contract() -> tuple[dict[str, set[str]], set[str]]:
             more = may.get(todo.pop(), set()) - may[name]
             may[name] |= more
             todo += more
-        assert name not in may[name], f"the README's lines lead from {name} back to it"
+        assert name not in may[name], f"the layout's lines lead from {name} back to it"
     return dict(may), ground
 
 
@@ -198,7 +198,7 @@ def circles(arrows: dict[str, set[str]]) -> list[set[str]]:
     return [set(group) for group in {frozenset(b for b in reach[a] if a in reach[b]) for a in arrows if a in reach[a]}]
 
 
-def test_every_layer_has_a_line_in_the_readme():
+def test_every_layer_has_a_line_in_the_layout():
     may, ground = contract()
     left = {name for names in may.values() for name in names}
     folders = {layer(name) for name in modules()} - {"hotice", "__main__"}

@@ -16,7 +16,7 @@ def soon(monkeypatch):
 def wait_for(capsys, text):
     """Until a line says this, and the time."""
     said, end = [], time.monotonic() + 60.0
-    while not any(re.fullmatch(re.escape(text) + r", \d+ s", line) for line in said):
+    while not any(re.fullmatch(re.escape(text) + r"(, some .* left)?, \d+ s", line) for line in said):
         assert time.monotonic() < end, said
         time.sleep(0.01)
         said += capsys.readouterr().err.splitlines()
@@ -71,3 +71,10 @@ def test_a_terminal_has_a_bar(monkeypatch, capsys):
         told("[/nonsense]")
     said = capsys.readouterr().err
     assert "trials" in said and "━" in said and "[/nonsense]" in said
+
+
+def test_what_is_left_is_said_at_the_rate_so_far(monkeypatch):
+    monkeypatch.setattr(time, "monotonic", lambda: 100.0)
+    assert progress.left(10, 30, 40.0) == ", some 3 min left"
+    assert progress.left(0, 30, 40.0) == progress.left(10, 0, 40.0) == ""
+    assert [progress.in_words(s) for s in (12.4, 89, 600, 4 * 3600)] == ["12 s", "89 s", "10 min", "4.0 h"]

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from hotice.commands.configs import BENCHMARK_BLOCK, BenchmarkConfig
+from hotice.commands.line.benchmark_config import BENCHMARK_BLOCK, BenchmarkConfig
 from hotice.commands.stopwatch import Stopwatch
 from hotice.files import check_writable, write_text
 from hotice.learn.train.runner import Runner

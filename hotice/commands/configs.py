@@ -1,31 +1,16 @@
-"""Options of the commands, by name: those of training and evaluation, which have homes of their own, and the others."""
+"""Options of commands whose work has no home of its own: export, merge, play, pipeline."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, get_type_hints
+from typing import Annotated, Literal
 
 import tyro
 
 from hotice import checks
 from hotice.checks import Range
-from hotice.commands.deploy.check_config import RobotCheckConfig
-from hotice.commands.deploy.config import DeployConfig
-from hotice.commands.recipes import ReproduceConfig
-from hotice.commands.robot_sim_config import RobotSimConfig
-from hotice.commands.tags_config import TagCameraConfig, TagsConfig
 from hotice.errors import InvalidConfig
-from hotice.evaluate.config import EvaluateConfig
-from hotice.learn.distill.config import DistillConfig, FinetuneConfig
-from hotice.learn.train.config import TrainConfig
-from hotice.task.config import TaskConfig
-
-Flat = tyro.conf.OmitArgPrefixes
-"""Options on a command line carry no names of the groups they belong to."""
-BENCHMARK_BLOCK = 10
-"""Control steps that environment and bare physics are timed for in turn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,85 +104,3 @@ class PipelineConfig:
     def __post_init__(self) -> None:
         checks.whole("workers", self.workers, Range(least=1, most=1024))
         checks.whole("retries", self.retries, Range(least=0, most=1000))
-
-
-@dataclass(frozen=True, kw_only=True)
-class BenchmarkConfig:
-    """One benchmark."""
-
-    num_envs: tuple[int, ...] = (1024,)
-    """Parallel environments, one measurement each; on a GPU for example 1024 2048 4096 8192 16384."""
-    updates: int = 2
-    """Updates of training that are timed, after one that is not."""
-    steps: int = 50
-    """Control steps that are timed, in blocks of ten that alternate between environment and bare physics."""
-    threads: int = 2
-    """Threads of physics, fields and torch."""
-    scenes: tuple[str, ...] = ("pipe", "gap", "pillars", "table_edge", "beam")
-    """Scenes."""
-    preset: str = "dual_hodpf"
-    """Row of Table I."""
-    physics: str = "mujoco"
-    """Physics backend: "mujoco" on the CPU, "warp" on an NVIDIA GPU (or, slowly, the CPU)."""
-    device: str = "auto"
-    """Device of physics "warp" and of learning; "auto": the GPU for "warp" where there is one, else the CPU."""
-    scan: bool = TaskConfig.scan
-    """Whether the actors also read the local obstacle scan, distances ahead of feet and body (ours; the paper: fields
-    only)."""
-    history: int = TaskConfig.history
-    """Past control steps of which the actors also read joints, IMU and actions (ours)."""
-    perturbed: bool = TrainConfig.perturbed
-    """Noise, delays, pushes and uncertain dynamics as for students (zero otherwise, or as given one by one)."""
-    out: Path | None = None
-    """Report file (JSON)."""
-
-    def __post_init__(self) -> None:
-        checks.whole("steps", self.steps, Range(least=BENCHMARK_BLOCK))
-        checks.wholes(self, checks.COUNT, "updates", "threads")
-        if not self.num_envs:
-            raise InvalidConfig("num_envs is empty: at least one number of environments is needed")
-        for num_envs in self.num_envs:
-            self.training(num_envs)
-
-    def training(self, num_envs: int) -> TrainConfig:
-        """Training that is timed; raises `InvalidConfig` or `UnknownName`."""
-        return TrainConfig(
-            num_envs=num_envs,
-            preset=self.preset,
-            scenes=self.scenes,
-            physics=self.physics,
-            device=self.device,
-            threads=self.threads,
-            seed=0,
-            perturbed=self.perturbed,
-            task=replace(TrainConfig().task, scan=self.scan, history=self.history),
-        )
-
-
-OPTIONS: Mapping[str, type] = {
-    "train": TrainConfig,
-    "distill": DistillConfig,
-    "finetune": FinetuneConfig,
-    "pipeline": PipelineConfig,
-    "evaluate": EvaluateConfig,
-    "reproduce": ReproduceConfig,
-    "merge": MergeConfig,
-    "export": ExportConfig,
-    "play": PlayConfig,
-    "benchmark": BenchmarkConfig,
-    "robot-sim": RobotSimConfig,
-    "robot-check": RobotCheckConfig,
-    "deploy": DeployConfig,
-    "tags": TagsConfig,
-    "tag-camera": TagCameraConfig,
-}
-"""Types of the options of each command that has any; `hotice scene` is a group of its own."""
-
-
-def field_names(config: type) -> set[str]:
-    """Names of all options of a type, those of its groups included."""
-    hints, names = get_type_hints(config), set()
-    for each in fields(config):
-        kind = hints[each.name]
-        names |= field_names(kind) if is_dataclass(kind) and isinstance(kind, type) else {each.name}
-    return names

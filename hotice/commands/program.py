@@ -8,10 +8,20 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from types import FrameType
+from typing import TYPE_CHECKING
 
-from hotice.errors import Stopped
+from hotice.errors import Stopped, UnknownName
 from hotice.failures import INTERRUPTED, STOPPED, mendable, one_line
+
+if TYPE_CHECKING:
+    from hotice.commands.line.catalog import Entry
+
+
+@dataclass(frozen=True)
+class NoOptions:
+    """Options of a command that has none."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -73,23 +83,58 @@ def _say(text: str, status: int) -> int:
 
 
 def _run(argv: list[str]) -> int:
-    if argv[:1] == ["scene"]:  # a group of its own, quick because it needs no torch
-        from hotice.commands import scene as scene_commands
+    """Finds the command by the first word, and imports that one alone."""
+    from hotice.commands.line import catalog
 
-        return scene_commands.main(argv[1:])
     if argv[:2] == ["deploy", "replay"]:
         from hotice.commands.deploy import replay
 
         return replay.main(argv[2:])
-    import tyro
+    if argv[:1] == ["scene"]:
+        program, groups, argv, about = "hotice scene", catalog.SCENES, argv[1:], "Scenes: the rooms to carry through."
+    else:
+        program, groups, about = "hotice", catalog.COMMANDS, catalog.ABOUT
+    if argv[:1] in ([], ["-h"], ["--help"]):
+        print(catalog.overview(program, groups, about))
+        return 0 if argv else 2
+    if argv == ["--version"]:
+        import hotice
 
-    from hotice.commands import table as commands
-    from hotice.commands.help_text import unbroken_help
+        print(f"hotice {hotice.__version__}")
+        return 0
+    if argv[0].startswith("--tyro-"):
+        return _complete(argv)
+    entry = catalog.find(groups, argv[0])
+    if entry is None:
+        kind = "option" if argv[0].startswith("-") else f"{program} command".removeprefix("hotice ")
+        raise UnknownName(kind, argv[0], catalog.names(groups))
+    return _call(program, entry, argv[1:])
 
-    with unbroken_help():
-        return (
-            tyro.extras.subcommand_cli_from_dict(commands.COMMANDS, args=argv, prog="hotice", description=__doc__) or 0
-        )
+
+def _call(program: str, entry: Entry, argv: list[str]) -> int:
+    from hotice.commands.line.options import OPTIONS, SCENE_OPTIONS
+    from hotice.commands.line.parse import parse
+
+    if program == "hotice":
+        from hotice.commands.table import COMMANDS as functions
+
+        options = OPTIONS.get(entry.name)
+    else:
+        from hotice.commands.scene import COMMANDS as functions
+
+        options = SCENE_OPTIONS.get(entry.name)
+    if options is None:
+        parse(NoOptions, argv, program, entry)
+        return functions[entry.name]()
+    return functions[entry.name](parse(options, argv, program, entry))
+
+
+def _complete(argv: list[str]) -> int:
+    from hotice.commands.line.options import OPTIONS
+    from hotice.commands.line.parse import completion
+    from hotice.commands.table import COMMANDS
+
+    return completion(COMMANDS, dict(OPTIONS), argv)
 
 
 def _drop_unwritten() -> None:

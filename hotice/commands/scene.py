@@ -5,89 +5,20 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import tyro
-
-from hotice import checks
-from hotice.checks import Range
-from hotice.commands.help_text import unbroken_help
-from hotice.deploy.simulated.lidar_map import LidarScan
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import check_writable, is_folder
-from hotice.model.importers.house_scenes import Front3dConfig
-from hotice.model.importers.options import ImportOptions
+from hotice.model.importers.options import Front3dConfig
 from hotice.progress import counted, doing
 
 if TYPE_CHECKING:
+    from hotice.commands.line.scene_config import CheckConfig, GenerateConfig, ImportConfig, ScanConfig, ShowConfig
     from hotice.model import Scene
 
-Flat = tyro.conf.OmitArgPrefixes
-Items = Annotated[tuple[str, ...], tyro.conf.Positional]
 
-
-@dataclass(frozen=True, kw_only=True)
-class ImportConfig(ImportOptions):
-    """One import."""
-
-    map: tyro.conf.Positional[Path]
-    """Point cloud (.pcd, .ply), octree (.bt of OctoMap) or mesh (.obj, .stl, .off, .glb, .ply)."""
-    out: Path = Path("scene.json")
-    """Scene file to write; a picture `.png` of what was kept is written beside it."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.out.suffix != ".json":
-            raise InvalidConfig(f"out is {str(self.out)!r}: a .json file is needed")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShowConfig:
-    """Scenes to look at."""
-
-    scenes: Items
-    """Names, files, folders or family:NAME:COUNT[:SEED]; several are laid out side by side."""
-    html: Path | None = None
-    """Write the page here and return, instead of serving it until Ctrl-C."""
-    port: int = 7000
-    """Port on this machine; 0: any free one."""
-    arrows: bool = False
-    """Draw both guidance fields at pelvis height."""
-    robot: bool = True
-    """Draw the robot where it starts."""
-
-    def __post_init__(self) -> None:
-        checks.whole("port", self.port, Range(least=0, most=65535))
-
-
-@dataclass(frozen=True, kw_only=True)
-class GenerateConfig:
-    """Scenes to generate."""
-
-    families: Items
-    """family:NAME:COUNT[:SEED]."""
-    out: Path = Path("scenes")
-    """Folder for one file per scene."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScanConfig(LidarScan):
-    """One map of a scene."""
-
-    scene: tyro.conf.Positional[str]
-    """Scene name or file."""
-    out: Path = Path("scan.pcd")
-    """Point cloud to write."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.out.suffix != ".pcd":
-            raise InvalidConfig(f"out is {str(self.out)!r}: a .pcd file is needed")
-
-
-def import_map(config: Flat[ImportConfig]) -> int:
+def import_map(config: ImportConfig) -> int:
     """Make a scene of a point cloud or mesh."""
     from hotice.console import PlainConsole
     from hotice.model.importers.scene_import import import_scene
@@ -108,14 +39,14 @@ def import_map(config: Flat[ImportConfig]) -> int:
     return 0
 
 
-def import_front3d(config: Flat[Front3dConfig]) -> int:
+def import_front3d(config: Front3dConfig) -> int:
     """Crop scenes from a house of the 3D-FRONT data set."""
     from hotice.model.importers import house_scenes
 
     return house_scenes.import_front3d(config)
 
 
-def scan_scene(config: Flat[ScanConfig]) -> int:
+def scan_scene(config: ScanConfig) -> int:
     """Map a scene as a robot's upside-down lidar would: a point cloud to import, as FAST-LIO saves it."""
     from hotice.deploy.simulated.lidar_map import pcd_of, scan
     from hotice.files import write_bytes
@@ -129,7 +60,7 @@ def scan_scene(config: Flat[ScanConfig]) -> int:
     return 0
 
 
-def show(config: Flat[ShowConfig]) -> int:
+def show(config: ShowConfig) -> int:
     """Open scenes in meshcat."""
     from hotice.files import write_text
     from hotice.replay.scene_view import page_server, scene_page
@@ -146,21 +77,17 @@ def show(config: Flat[ShowConfig]) -> int:
     return 0
 
 
-def check(scenes: Items) -> int:
-    """Say which scenes are valid, reachable and traversable; status 1 when one is not.
-
-    Args:
-        scenes: Names, files, folders or family:NAME:COUNT[:SEED].
-    """
+def check(config: CheckConfig) -> int:
+    """Say which scenes are valid, reachable and traversable; status 1 when one is not."""
     from rich.table import Table
 
     from hotice.console import PlainConsole
 
-    if not scenes:
+    if not config.scenes:
         raise InvalidConfig("no scene is given: see `hotice scene list`")
     table = Table("scene", "obstacles", "path [m]", "clearance [m]", "verdict", title="g ground, s side, o overhead")
     console, bad = PlainConsole(), 0
-    for item, scene in counted(found := list(_each(scenes)), "scenes", len(found)):
+    for item, scene in counted(found := list(_each(config.scenes)), "scenes", len(found)):
         row, ok = _verdict(scene) if not isinstance(scene, HoticeError) else (["", "", "", str(scene)], False)
         table.add_row(item if isinstance(scene, HoticeError) else scene.name, *row, style=None if ok else "red")
         bad += not ok
@@ -189,7 +116,7 @@ def list_scenes() -> int:
     return 0
 
 
-def generate(config: Flat[GenerateConfig]) -> int:
+def generate(config: GenerateConfig) -> int:
     """Write generated scenes as files and report the rejected draws."""
     from hotice.console import PlainConsole
     from hotice.model.generate.families import generate_from_text
@@ -225,12 +152,6 @@ COMMANDS = {
     "list": list_scenes,
     "generate": generate,
 }
-
-
-def main(argv: Sequence[str]) -> int:
-    """Runs `hotice scene`; the caller reports a `HoticeError`."""
-    with unbroken_help():
-        return tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="hotice scene", description=__doc__) or 0
 
 
 def _resolve(items: Sequence[str]) -> list[Scene]:

@@ -2,72 +2,72 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from hotice.commands.configs import (
-    BenchmarkConfig,
-    DistillConfig,
-    EvaluateConfig,
-    ExportConfig,
-    FinetuneConfig,
-    Flat,
-    MergeConfig,
-    PipelineConfig,
-    PlayConfig,
-    ReproduceConfig,
-    TrainConfig,
-)
-from hotice.commands.deploy.check_config import RobotCheckConfig
-from hotice.commands.deploy.config import DeployConfig
-from hotice.commands.robot_sim_config import RobotSimConfig
-from hotice.commands.tags_config import TagCameraConfig, TagsConfig
 from hotice.failures import STOPPED
 from hotice.files import check_folder, check_writable
 from hotice.owner import check_unowned
 from hotice.progress import doing
 
 if TYPE_CHECKING:
+    from hotice.commands.configs import ExportConfig, MergeConfig, PipelineConfig, PlayConfig
+    from hotice.commands.deploy.check_config import RobotCheckConfig
+    from hotice.commands.deploy.config import DeployConfig
+    from hotice.commands.line.benchmark_config import BenchmarkConfig
+    from hotice.commands.recipes import ReproduceConfig
+    from hotice.commands.robot_sim_config import RobotSimConfig
+    from hotice.commands.tags_config import TagCameraConfig, TagsConfig
+    from hotice.evaluate.config import EvaluateConfig
+    from hotice.learn.distill.config import DistillConfig, FinetuneConfig
+    from hotice.learn.train.config import TrainConfig
     from hotice.learn.train.runner import Runner
 
 
-def train(config: Flat[TrainConfig]) -> int:
+def train(config: TrainConfig) -> int:
     """Train the agents of a preset with dual PPO."""
+    _check_names(config.scenes)
     from hotice.learn.train.runner import Runner
 
     return _train(Runner, config)
 
 
-def distill(config: Flat[DistillConfig]) -> int:
+def distill(config: DistillConfig) -> int:
     """Make one student of several teachers (DAgger), under noise, delays and pushes."""
+    _check_names(config.scenes)
     from hotice.learn.distill.dagger import DistillRunner
 
     return _train(DistillRunner, config)
 
 
-def finetune(config: Flat[FinetuneConfig]) -> int:
+def finetune(config: FinetuneConfig) -> int:
     """Go on from a student with dual PPO, under noise, delays and pushes."""
+    _check_names(config.scenes)
     from hotice.learn.train.runner import Runner
 
     return _train(Runner, config)
 
 
-def pipeline(config: Flat[PipelineConfig]) -> int:
+def pipeline(config: PipelineConfig) -> int:
     """Run a graph of jobs: teachers, student, fine-tuning, evaluation, export."""
     from hotice.commands.pipeline.run import run_pipeline
 
     return 0 if run_pipeline(config) else STOPPED
 
 
-def evaluate(config: Flat[EvaluateConfig]) -> int:
+def evaluate(config: EvaluateConfig) -> int:
     """Score a policy, or the walking baseline, with exact collision geometry."""
+    _check_names(config.scenes, config.policy)
+    from hotice.commands.warm import warm_once
     from hotice.evaluate.run import evaluate as run
 
+    warm_once()
     run(config)
     return 0
 
 
-def reproduce(config: Flat[ReproduceConfig]) -> int:
+def reproduce(config: ReproduceConfig) -> int:
     """Make the paper's tables, and its figure of unseen scenes, from given or newly trained policies."""
     from hotice.commands.reproduce import reproduce as run
 
@@ -75,7 +75,7 @@ def reproduce(config: Flat[ReproduceConfig]) -> int:
     return 0
 
 
-def export(config: Flat[ExportConfig]) -> int:
+def export(config: ExportConfig) -> int:
     """Write a policy as one ONNX file."""
     from hotice.learn.checkpoints.trained_on import in_words
     from hotice.learn.export import export_onnx
@@ -85,10 +85,11 @@ def export(config: Flat[ExportConfig]) -> int:
     policy = torch_policy(config.policy)
     print(export_onnx(policy, config.out))
     print(f"trained on {in_words(policy.meta['trained']['on'])}")
+    print(f"next: hotice evaluate --policy {shlex.quote(str(config.out))} --scenes bench20 --rollouts 4")
     return 0
 
 
-def merge(config: Flat[MergeConfig]) -> int:
+def merge(config: MergeConfig) -> int:
     """Average branches of one run, weight by weight, into one checkpoint."""
     from hotice.learn.checkpoints.merge import merge as run
 
@@ -96,11 +97,20 @@ def merge(config: Flat[MergeConfig]) -> int:
     return 0
 
 
-def play(config: Flat[PlayConfig]) -> int:
+def play(config: PlayConfig) -> int:
     """Run a policy and write a replay page, a picture and, if asked for, a film."""
+    _check_names(config.scenes, config.policy if config.controller in ("policy", "pickup_then_policy") else None)
     from hotice.commands.play import play as run
 
     run(config)
+    return 0
+
+
+def warm() -> int:
+    """Compile what is compiled once (a minute or two), so that later commands begin at once."""
+    from hotice.commands.warm import warm as run
+
+    run()
     return 0
 
 
@@ -112,15 +122,16 @@ def tables() -> int:
     return 0
 
 
-def benchmark(config: Flat[BenchmarkConfig]) -> int:
+def benchmark(config: BenchmarkConfig) -> int:
     """Measure environment steps beside bare physics."""
+    _check_names(config.scenes)
     from hotice.commands.benchmark import benchmark as run
 
     run(config)
     return 0
 
 
-def robot_sim(config: Flat[RobotSimConfig]) -> int:
+def robot_sim(config: RobotSimConfig) -> int:
     """Simulate a robot in real time, on the messages of the real one."""
     from hotice.commands.robot_sim import robot_sim as run
 
@@ -128,7 +139,7 @@ def robot_sim(config: Flat[RobotSimConfig]) -> int:
     return 0
 
 
-def tags(config: Flat[TagsConfig]) -> int:
+def tags(config: TagsConfig) -> int:
     """Make the sheets of tags that a robot's camera knows a box by, to be printed."""
     from hotice.deploy.tags.sheet import write_sheets
     from hotice.model.objects import Box
@@ -139,7 +150,7 @@ def tags(config: Flat[TagsConfig]) -> int:
     return 0
 
 
-def tag_camera(config: Flat[TagCameraConfig]) -> int:
+def tag_camera(config: TagCameraConfig) -> int:
     """Read a camera, and send where the tags of the box are in its pictures."""
     from hotice.commands.tag_camera import tag_camera as run
 
@@ -147,7 +158,7 @@ def tag_camera(config: Flat[TagCameraConfig]) -> int:
     return 0
 
 
-def robot_check(config: Flat[RobotCheckConfig]) -> int:
+def robot_check(config: RobotCheckConfig) -> int:
     """Look at what a robot sends, before it moves: one table, pass or fail with the number."""
     from hotice.commands.deploy.check import robot_check as run
 
@@ -155,8 +166,8 @@ def robot_check(config: Flat[RobotCheckConfig]) -> int:
     return 0
 
 
-def deploy(config: Flat[DeployConfig]) -> int:
-    """Have a robot, simulated or real, carry its object to a scene's goal; `hotice deploy replay LOG`: do it again."""
+def deploy(config: DeployConfig) -> int:
+    """Have a robot, simulated or real, carry its object to a scene's goal; `deploy replay LOG`: do it again."""
     from hotice.commands.deploy.run import deploy as run
 
     run(config)
@@ -168,6 +179,17 @@ def scene() -> int:
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
 
 
+def _check_names(scenes: Sequence[str], policy: str | None = None) -> None:
+    """Raises `UnknownName` at once, before what takes seconds to import; whoever reads the files checks them anew."""
+    from hotice.model.shipped import check_names
+
+    check_names(scenes)
+    if policy is not None:
+        from hotice.policy.policy_file import check_name
+
+        check_name(policy)
+
+
 def _train(kind: Callable[[Any], Runner], config: TrainConfig) -> int:
     """Trains; first of all, whether the run can be written to its folder, and no other process does so."""
     from hotice.learn import distributed
@@ -177,7 +199,21 @@ def _train(kind: Callable[[Any], Runner], config: TrainConfig) -> int:
         check_unowned(config.out)
     with doing("preparing scenes, fields and objects"):
         runner = kind(config)
-    return 0 if runner.train() else STOPPED
+    done = runner.train()
+    if distributed.leads():
+        _say_next(config)
+    return 0 if done else STOPPED
+
+
+def _say_next(config: TrainConfig) -> None:
+    """Prints what one would type after a training."""
+    run, scenes = shlex.quote(str(config.out)), " ".join(map(shlex.quote, config.scenes))
+    how = "" if config.perturbed else " --no-perturbed"
+    print("next:")
+    print(f"  hotice evaluate --policy {run} --scenes {scenes} --rollouts 20{how}")
+    print(f"  hotice play --policy {run} --scenes {shlex.quote(config.scenes[0])}{how}")
+    print(f"  hotice export --policy {run} --out {run}.onnx")
+    print("  the same command with --resume goes on")
 
 
 COMMANDS = {
@@ -190,6 +226,7 @@ COMMANDS = {
     "merge": merge,
     "export": export,
     "play": play,
+    "warm": warm,
     "tables": tables,
     "benchmark": benchmark,
     "robot-sim": robot_sim,

@@ -1,4 +1,4 @@
-"""Under which conditions trials are simulated, and trials at their start.
+"""Under which conditions trials are simulated.
 
 `Conditions` is the one place where physics step, friction cones and the spread of robots, noise, delays and pushes are
 decided, for policies, the walking baseline and records alike.
@@ -6,26 +6,15 @@ decided, for policies, the walking baseline and records alike.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
-import torch
-
 from hotice.evaluate.referees import STAY_S
-from hotice.evaluate.seeds import TrialSeeds
-from hotice.fields.bank import FieldBank
-from hotice.model.carry import CarryState
-from hotice.model.scene import Scene
-from hotice.sim.carry_bank import CarryBank
-from hotice.sim.env import TransportEnv
 from hotice.task.config import TaskConfig
 from hotice.task.contract import ROWS, STEP, UNITS
 from hotice.task.protocols import Protocol, get_protocol
 from hotice.task.rules import GOAL_M
 
-CPU = torch.device("cpu")
 KEPT = (*STEP, *UNITS, *ROWS, "swing_height_m")
 """Fields that a policy's own task decides; of the physics step and its number only the control period remains."""
 
@@ -79,41 +68,3 @@ class Conditions:
     def limit(self, task: TaskConfig) -> int:
         """Control steps of a trial."""
         return max(1, round(self.horizon_s / task.control_dt_s))
-
-
-def start_trials(
-    scene: Scene,
-    states: Sequence[CarryState],
-    seed: int,
-    conditions: Conditions,
-    *,
-    first: int = 0,
-    trained: dict[str, Any] | None = None,
-    preset: str = "dual_hodpf",
-    threads: int = 1,
-) -> TransportEnv:
-    """Trials `first` .. `first + len(states)` of a scene, ready for `reset`, each with its carry state and robot.
-
-    Nothing that ends is started anew. Robots and starts depend on seed, scene, `first` and how many trials there are,
-    not on who carries; `trained`: the task that a policy was trained on.
-    """
-    task, seeds = conditions.task(trained or {}), TrialSeeds.of(seed, scene)
-    carry = CarryBank.of(
-        states,
-        task.physics_dt_s,
-        CPU,
-        scene=scene,
-        elliptic=conditions.elliptic,
-        dynamics=task.dynamics,
-        robots=seeds.robots(first, len(states)),
-    )
-    bank = _fields(scene, task.resolution_m, task.margin_m)
-    env = TransportEnv(len(states), bank, carry, preset, seed=seeds.block(first), config=task, threads=threads)
-    env.restarts = False
-    return env
-
-
-@lru_cache(maxsize=1)
-def _fields(scene: Scene, resolution_m: float, margin_m: float) -> FieldBank:
-    """Fields of one scene, kept for its next block."""
-    return FieldBank.build([scene], resolution_m, margin_m, workers=1)

@@ -9,8 +9,9 @@ import numpy as np
 import torch
 
 from hotice.errors import InvalidConfig
-from hotice.evaluate.conditions import Conditions, start_trials
+from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.referees import exact
+from hotice.evaluate.start import start_trials
 from hotice.evaluate.trial_log import TrialLog
 from hotice.evaluate.trials import CAUSES
 from hotice.learn.policy import Policy, check_layout

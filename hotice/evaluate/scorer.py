@@ -17,10 +17,11 @@ import torch
 
 from hotice.control.walk.config import WalkConfig
 from hotice.evaluate.carriers import Carrier, digest
-from hotice.evaluate.conditions import Conditions, start_trials
+from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.referees import REFEREES
 from hotice.evaluate.seeds import TrialSeeds, object_seed
+from hotice.evaluate.start import start_trials
 from hotice.evaluate.trial_log import TrialLog
 from hotice.evaluate.trials import Trials
 from hotice.learn.policy import Policy, check_layout

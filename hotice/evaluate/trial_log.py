@@ -12,7 +12,7 @@ from hotice.evaluate import referees
 from hotice.evaluate.referees import STAY_S, Signals
 from hotice.evaluate.trials import Trials
 from hotice.fields.bank import FieldBank
-from hotice.sim.env import Step
+from hotice.sim.batch_env import Step
 from hotice.sim.snapshot import NUM_SGF
 from hotice.task.rules import OUTCOMES, arrived
 

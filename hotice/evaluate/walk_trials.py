@@ -20,9 +20,10 @@ import numpy as np
 import torch
 
 from hotice.errors import CarryInfeasible, UnreachableGoal
-from hotice.evaluate.conditions import Conditions, start_trials
+from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.config import PAPER_S
 from hotice.evaluate.referees import REFEREES, Signals
+from hotice.evaluate.start import start_trials
 from hotice.evaluate.trial_log import BODY_POINTS, TrialLog
 from hotice.evaluate.trials import Trials
 from hotice.fields.hod_pf import HodPf, build_hod_pf

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from hotice.fields.command import navigation_command
     from hotice.fields.guidance import Guidance, query
     from hotice.fields.hod_pf import GuidanceField, HodPf, build_hod_pf
+    from hotice.fields.live import LiveField
     from hotice.fields.potential import FieldParams
     from hotice.fields.similarity import scene_similarity, similarity_matrix, similarity_to_set
 else:
@@ -22,6 +23,7 @@ __all__ = [
     "Guidance",
     "GuidanceField",
     "HodPf",
+    "LiveField",
     "build_hod_pf",
     "cosine",
     "encode",

@@ -17,7 +17,7 @@ from hotice.fields.grid import Grid
 from hotice.fields.potential import FieldParams, u_rep
 from hotice.fields.reachability import joins_start
 from hotice.fields.sample import sample_field
-from hotice.fields.volumes import Volumes, solve_scene, stack
+from hotice.fields.volumes import SceneNodes, Volumes, arrange, solve_scene
 from hotice.model.scene import Scene
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class GuidanceField:
     def potential(self, p_W: ArrayOrTensor) -> ArrayOrTensor:
         """U_att + U_rep, (..., 3) -> (...) (eqs. 1, 2); where no path leads, of the extended geodesic distance."""
         _, s, geodesic = self._query(p_W)
-        return self.params.attraction * geodesic + u_rep(s, self.params)
+        return self.params.attraction * geodesic + u_rep(s, self.params)  # type: ignore
 
     def signed_distance(self, p_W: ArrayOrTensor) -> ArrayOrTensor:
         """To the field's own (inflated) obstacles, (..., 3) -> (...) [m], negative inside."""
@@ -168,7 +168,12 @@ def build_hod_pf(
         if not joins_start(scene, nodes.grid, reached):
             message = f"scene {scene.name!r}: no path joins start and goal at margin {margin:g} m (see check_reachable)"
             warnings.warn(message, UnreachableGoalWarning, stacklevel=2)
-    volumes = stack([nodes])
+    return hod_pf_of(scene, nodes, margin_m, params)
+
+
+def hod_pf_of(scene: Scene, nodes: SceneNodes, margin_m: float, params: FieldParams) -> HodPf:
+    """Both fields of nodes that were solved for the margins 0 and `margin_m`."""
+    volumes = arrange([nodes.grid], [nodes.step], nodes.sdf, nodes.geo)
     sgf, ogf = (GuidanceField(volumes, i, nodes.reached[i], margin, params) for i, margin in enumerate((0.0, margin_m)))
     return HodPf(scene, nodes.grid, sgf, ogf, margin_m, params)
 

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
 from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidConfig
-from hotice.model import builder, g1
-from hotice.model.joint_friction import set_friction_reference
+from hotice.model import g1
+
+if TYPE_CHECKING:
+    import mujoco
 
 FRICTIONS = ("sole_friction", "palm_friction", "object_friction")
 FRICTION = Range(above=0, most=10)
@@ -118,6 +120,11 @@ LEAST_PUSH = 0.1
 
 def perturb(model: mujoco.MjModel, config: DynamicsConfig, rng: np.random.Generator) -> mujoco.MjModel:
     """A copy of a model of `build_model` with parameters drawn from `config`; the copy's layout is the same."""
+    import mujoco
+
+    from hotice.model import builder
+    from hotice.model.joint_friction import set_friction_reference
+
     out = copy.copy(model)
 
     def around(half: float, *size: int) -> np.ndarray:
@@ -158,6 +165,8 @@ def friction_groups(model: mujoco.MjModel) -> list[tuple[str, list[int]]]:
 
     Each foot's soles, the palms of both hands, and the object (of which there may be none).
     """
+    from hotice.model import builder
+
     names = [model.geom(i).name for i in range(model.ngeom)]
     soles = [[i for i, n in enumerate(names) if n.startswith(f"{side}_sole_")] for side in g1.SIDES]
     palms = [i for i, n in enumerate(names) if "_palm_" in n]

@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,6 +99,9 @@ class Scene:
     obstacles: tuple[Obstacle, ...] = ()
     source: MapSource | None = None
 
+    ENDS_CLEAR: ClassVar[bool] = True
+    """Whether obstacles over start or goal are an error."""
+
     def __post_init__(self) -> None:
         _check_name("scene", self.name)
         if not isinstance(self.bounds_m, list | tuple | np.ndarray) or len(self.bounds_m) != 2:
@@ -116,7 +119,9 @@ class Scene:
             raise InvalidScene(f"source is {shown(self.source)}: a hotice.model.source.MapSource is needed")
         _check_bounds(low, high)
         _check_names(self.obstacles)
-        _check_clear(self)
+        _check_inside(self)
+        if self.ENDS_CLEAR:
+            _check_clear(self)
 
     @property
     def goal_W(self) -> NDArray[np.float64]:
@@ -249,17 +254,33 @@ def _check_names(obstacles: tuple[Obstacle, ...]) -> None:
         seen.add(obstacle.name)
 
 
-def _check_clear(scene: Scene) -> None:
+@dataclass(frozen=True)
+class MomentaryScene(Scene):
+    """A scene at one instant of a world that moves: obstacles may be over start or goal. Raises `InvalidScene`."""
+
+    ENDS_CLEAR: ClassVar[bool] = False
+
+
+def _check_inside(scene: Scene) -> None:
     low, high = scene.bounds_m
-    for what, xy in (("start", scene.start[:2]), ("goal", scene.goal)):
+    for what, xy in _ends(scene):
         if any(not low[i] <= xy[i] <= high[i] for i in range(2)):
             box = f"x {low[0]:g} .. {high[0]:g}, y {low[1]:g} .. {high[1]:g}"
             raise InvalidScene(f"{what} {xy} is outside bounds_m {box}")
+
+
+def _check_clear(scene: Scene) -> None:
+    low, high = scene.bounds_m
+    for what, xy in _ends(scene):
         heights = [z for z in COLUMN_HEIGHTS_M if low[2] <= z <= high[2]]
         column = np.array([[*xy, z] for z in heights])
         for obstacle in scene.obstacles:
             if (obstacle.signed_distance(column) <= 0).any():
                 raise InvalidScene(f"{what} {xy} is inside obstacle {obstacle.name!r} at a height of 0.1 to 1.2 m")
+
+
+def _ends(scene: Scene) -> tuple[tuple[str, tuple[float, ...]], ...]:
+    return ("start", scene.start[:2]), ("goal", scene.goal)
 
 
 def _coordinates(where: str, value: object, length: int) -> tuple[float, ...]:

@@ -38,6 +38,15 @@ def load_scene(name_or_path: str | Path) -> Scene:
     raise UnknownName("scene", text, (*shipped_scenes(), *shipped_sets()), "the path of a .json file")
 
 
+def check_names(items: Iterable[str]) -> None:
+    """Raises `UnknownName` for what is neither a shipped scene or set, nor a path or a family; reads no scene."""
+    for item in items:
+        path = Path(item)
+        at_path = path.suffix == ".json" or len(path.parts) > 1 or is_file(path) or is_folder(path)
+        if not at_path and not item.startswith(FAMILY_PREFIX) and item not in {*shipped_scenes(), *shipped_sets()}:
+            raise UnknownName("scene", item, (*shipped_scenes(), *shipped_sets()), "the path of a .json file")
+
+
 def load_scenes(items: Iterable[str | Path]) -> list[Scene]:
     """Scenes by name, set, file or folder (its .json files, sorted). Raises as `load_scene`, also for empty folders."""
     scenes: list[Scene] = []

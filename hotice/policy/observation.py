@@ -51,7 +51,7 @@ _FRAME = np.concatenate([np.arange(_ENDS[name] - width, _ENDS[name]) for name, w
 
 def remember(past: Array, observation: NDArray[np.float32]) -> Array:
     """The past (H,) one step later, when `observation` is over; zeros (H,) are the past of the first step."""
-    return np.concatenate([observation.take(_FRAME), past])[: len(past)]
+    return np.concatenate([observation.take(_FRAME), past], dtype=np.float64)[: len(past)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

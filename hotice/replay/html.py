@@ -93,6 +93,7 @@ def _script_safe(text: str) -> str:
 
 
 def _pack(record: RolloutRecord) -> dict[str, Any]:
+    began_s = float(record.time_s[0])
     counts = {c: sum(o.category == c for o in record.scene.obstacles) for c in ("ground", "side", "overhead")}
     return {
         "policy": record.policy,
@@ -102,13 +103,18 @@ def _pack(record: RolloutRecord) -> dict[str, Any]:
         "obstacle_text": ", ".join(f"{n} {c}" for c, n in counts.items() if n) or "none",
         "time": [round(float(t), 4) for t in record.time_s - record.time_s[0]],
         "events": [
-            {"time": round(e.time_s - float(record.time_s[0]), 4), "kind": e.kind, "text": e.text}
+            {"time": round(e.time_s - began_s, 4), "kind": e.kind, "text": e.text, "solids": list(e.solids)}
             for e in record.events
         ],
         "geoms": [
-            {"type": kind, "size": size.tolist(), "rgba": rgba.round(3).tolist(), "object": bool(is_object)}
-            for kind, size, rgba, is_object in zip(
-                record.geom_types, record.geom_sizes, record.display_rgba, record.geom_is_object, strict=True
+            {"name": name, "type": kind, "size": size.tolist(), "rgba": rgba.round(3).tolist(), "object": bool(carried)}
+            for name, kind, size, rgba, carried in zip(
+                record.geom_names,
+                record.geom_types,
+                record.geom_sizes,
+                record.display_rgba,
+                record.geom_is_object,
+                strict=True,
             )
         ],
         "geom_pos": _quantised(record.geom_pos_W),
@@ -118,6 +124,7 @@ def _pack(record: RolloutRecord) -> dict[str, Any]:
         "arrow_is_ogf": record.arrow_is_ogf.tolist(),
         "root_pos": _quantised(record.root_pos_W),
         "object_pos": _quantised(record.object_pos_W),
+        "clearance": record.clearance_m.round(4).tolist(),
         "scene": {
             "name": record.scene.name,
             "bounds": record.scene.bounds_m,

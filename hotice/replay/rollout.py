@@ -25,6 +25,7 @@ from hotice.model.scene import Scene
 from hotice.replay.events import RolloutEvent
 from hotice.replay.shown import GROUPS, InvalidRollout, ShownSolids
 from hotice.replay.solids import SOLIDS
+from hotice.replay.touch import Touched, find_touches
 from hotice.task.rules import OUTCOMES
 
 FORMAT = "hotice-rollout/1"
@@ -67,6 +68,8 @@ class RolloutRecord:
     """(T, K, 3) field vectors F = -grad U."""
     arrow_is_ogf: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """(K,) True where the vector is of the Object-Centric Guidance Field, False for the Standard one."""
+    clearance_m: NDArray[np.floating] = field(default_factory=lambda: np.zeros(0))
+    """(T,) [m] nearest that robot or object is to an obstacle, below 0 inside, cut at 1 m; (0,): not known."""
     outcome: str
     policy: str
     events: tuple[RolloutEvent, ...] = ()
@@ -89,6 +92,7 @@ class RolloutRecord:
             "arrow_pos_W": (frames, arrows, 3),
             "arrow_force_W": (frames, arrows, 3),
             "arrow_is_ogf": (arrows,),
+            "clearance_m": (frames if np.size(self.clearance_m) else 0,),
         }
         for name, shape in wanted.items():
             kind = bool if name in ("geom_is_object", "arrow_is_ogf") else float
@@ -144,6 +148,8 @@ class RolloutRecord:
             "arrow_force_W",
         )
         values = {f.name: getattr(self, f.name) for f in fields(self)}
+        if len(self.clearance_m):
+            per_frame = (*per_frame, "clearance_m")
         return RolloutRecord(**values | {name: values[name][frames] for name in per_frame})
 
     @classmethod
@@ -180,7 +186,7 @@ class RolloutRecord:
             arrow_pos_W: (T, K, 3) or None for a record without arrows.
             arrow_force_W: (T, K, 3).
             arrow_is_ogf: (K,).
-            events: on the time line.
+            events: on the time line, beside first touches of obstacles, which are found where the model has any.
             groups: MuJoCo geom groups that are shown.
             root_body: body whose position is the root's.
             object_body: body of the carried object.
@@ -196,6 +202,8 @@ class RolloutRecord:
         solids = ShownSolids(model, groups, root_body, object_body)
         placed = [solids.place(state) for state in qpos]
         pos, quat, root_pos, object_pos = (np.array(part) for part in zip(*placed, strict=True))
+        time = np.asarray(time_s, dtype=float)
+        touched = find_touches(model, qpos, time) if len(time) == len(qpos) else Touched([], np.zeros(0))
         arrows: dict[str, Any] = {}
         if arrow_pos_W is not None:
             if arrow_force_W is None or arrow_is_ogf is None:
@@ -204,14 +212,15 @@ class RolloutRecord:
         return cls(
             scene=scene,
             carried=carried,
-            time_s=np.asarray(time_s, dtype=float),
+            time_s=time,
             geom_pos_W=pos,
             geom_quat_W=quat,
             root_pos_W=root_pos,
             object_pos_W=object_pos,
             outcome=outcome,
             policy=policy,
-            events=tuple(events),
+            events=tuple(sorted([*events, *touched.events], key=lambda event: event.time_s)),
+            clearance_m=touched.clearance_m,
             **solids.described(),
             **arrows,
         )
@@ -231,9 +240,11 @@ class RolloutRecord:
         }
         arrays = {k: v.astype(np.float32) if v.dtype == float else v for k, v in arrays.items() if k not in text}
         arrays["time_s"] = self.time_s
+        # readers of before there were events, or clearance, read what has none
         if not self.events:
-            # readers of before there were events read it, too
             del text["events"]
+        if not len(self.clearance_m):
+            del arrays["clearance_m"]
         shapes = [o.shape for o in self.scene.obstacles]
         meshes = {shape.file: shape.path for shape in shapes if isinstance(shape, MeshShape)}
         text["meshes"] = list(meshes)

@@ -4,7 +4,7 @@
   const $ = (id) => document.getElementById(id);
   const page = JSON.parse($("data").textContent);
   const COLORS = { ground: 0xb4533c, side: 0x5f7590, overhead: 0x7a5aa6, other: 0x7c8da3 };
-  const [SGF, OGF] = [0x1f6fe5, 0xe8710a];
+  const [SGF, OGF, TOUCHED] = [0x1f6fe5, 0xe8710a, 0xc80014];
   const ARROW_M = 0.3; // length that the arrow of a very strong field approaches
   const FIELD_SCALE = 0.6; // field strength drawn at 63 % of ARROW_M
 
@@ -197,6 +197,7 @@
         metalness: geom.object ? 0 : 0.15, transparent: alpha < 1, opacity: alpha });
       const mesh = new THREE.Mesh(geometry(geom.type, geom.size), material);
       mesh.castShadow = mesh.receiveShadow = true;
+      mesh.name = geom.name ?? "";
       if (geom.object && geom.type === "box")
         mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry), new THREE.LineBasicMaterial({ color: 0x6b4a1c })));
       this.root.add(mesh);
@@ -212,6 +213,7 @@
         const edges = new THREE.LineSegments(
           new THREE.EdgesGeometry(mesh.geometry, 30), new THREE.LineBasicMaterial({ color, transparent: true, opacity: 0.8 }));
         mesh.add(edges);
+        mesh.name = obstacle.name;
         this.root.add(mesh);
         return mesh;
       });
@@ -242,6 +244,11 @@
         mesh.material.depthWrite = solid;
         mesh.material.needsUpdate = true;
       }
+    }
+    // Solids that have touched by time t glow, from then on: what ends a trial is seen where it happened.
+    mark(t) {
+      const touched = new Set(this.record.events.filter((event) => event.time <= t + 1e-6).flatMap((event) => event.solids ?? []));
+      for (const mesh of [...this.geoms, ...this.obstacles]) mesh.material.emissive.setHex(touched.has(mesh.name) ? TOUCHED : 0);
     }
     // Poses at time t: positions and quaternions are interpolated between the two frames around it.
     update(t) {
@@ -276,6 +283,9 @@
 
   // ---- state and controls --------------------------------------------------------------------------------------
   const state = { index: 0, time: 0, playing: true, hold: 0 };
+  let stale_picture = true; // drawn anew only when something has changed
+  const redraw = () => { stale_picture = true; };
+  orbit.addEventListener("change", redraw);
   let show = null;
   let followed = null;
 
@@ -323,6 +333,8 @@
     show = new Show(record);
     stage.add(show.root);
     show.options();
+    plot(record);
+    redraw();
     state.time = record.time[0];
     state.hold = 0;
     $("rollout").value = String(state.index);
@@ -341,6 +353,7 @@
     const reach = ($("follow").checked ? 3.6 : 1.6 * Math.max(high[0] - low[0], high[1] - low[1]))
       * Math.max(1, 1.15 / camera.aspect);
     const direction = { angle: [0.42, -0.83, 0.36], side: [0, -1, 0.06], front: [1, 0, 0.12], top: [-0.001, 0, 1] }[view];
+    redraw();
     camera.position.copy(target).addScaledVector(new THREE.Vector3(...direction).normalize(), reach);
     orbit.target.copy(target);
     orbit.update();
@@ -351,12 +364,65 @@
     state.playing = playing;
     state.hold = 0;
     $("play").textContent = playing ? "❚❚" : "▶";
+    redraw();
   }
   function step(direction) {
     setPlaying(false);
     const times = page.records[state.index].time;
     const nearest = times.reduce((best, t, i) => (Math.abs(t - state.time) < Math.abs(times[best] - state.time) ? i : best), 0);
     state.time = times[Math.min(Math.max(nearest + direction, 0), times.length - 1)];
+    redraw();
+  }
+
+  function jump(share) {
+    const times = page.records[state.index].time;
+    setPlaying(false);
+    state.time = share ? times[times.length - 1] : times[0];
+  }
+
+  // ---- curves of the rollout --------------------------------------------------------------------------------------
+  // Way to the goal, and clearance where the record has it; both over the slider's time, with the present as a line.
+  const CURVES = [["distance", "#1d55b0", "root to goal"], ["clearance", "#974106", "clearance"]];
+  function curves(record) {
+    const [goal, root] = [record.scene.goal, record.root_pos];
+    const distance = record.time.map((_, i) => Math.hypot(root[3 * i] - goal[0], root[3 * i + 1] - goal[1]));
+    return { distance, clearance: record.clearance ?? [] };
+  }
+  function plot(record) {
+    const canvas = $("plot");
+    if (page.live || !canvas.getContext) return;
+    const all = curves(record);
+    const ratio = Math.min(window.devicePixelRatio, 2);
+    const [width, height] = [canvas.clientWidth || 300, canvas.clientHeight || 70];
+    [canvas.width, canvas.height] = [width * ratio, height * ratio];
+    const pen = canvas.getContext("2d");
+    pen.scale(ratio, ratio);
+    const [first, last] = [record.time[0], record.time[record.time.length - 1]];
+    const most = Math.max(0.1, ...CURVES.flatMap(([name]) => all[name]));
+    const x = (t) => 1 + (width - 2) * (last > first ? (t - first) / (last - first) : 0);
+    const y = (v) => height - 2 - (height - 4) * Math.max(v, 0) / most;
+    for (const [name, color] of CURVES) {
+      pen.strokeStyle = color;
+      pen.lineWidth = 1.6;
+      pen.beginPath();
+      all[name].forEach((v, i) => (i ? pen.lineTo(x(record.time[i]), y(v)) : pen.moveTo(x(record.time[i]), y(v))));
+      pen.stroke();
+    }
+    $("legend").textContent = CURVES.filter(([name]) => all[name].length)
+      .map(([name, , words]) => `${words} up to ${Math.max(...all[name]).toFixed(2)} m`).join(", ");
+  }
+  function showPresent(record, t) {
+    const all = curves(record);
+    let i = 0;
+    while (i < record.time.length - 1 && record.time[i + 1] <= t) i++;
+    const share = (t - record.time[0]) / Math.max(record.time[record.time.length - 1] - record.time[0], 1e-9);
+    $("present").style.left = `${100 * share}%`;
+    $("values").replaceChildren(...CURVES.filter(([name]) => all[name].length).map(([name, color, words]) => {
+      const value = document.createElement("span");
+      value.textContent = `${words} ${all[name][i].toFixed(3)} m`;
+      value.style.color = color;
+      return value;
+    }));
   }
 
   page.records.forEach((record, i) => {
@@ -369,17 +435,21 @@
   $("previous").addEventListener("click", () => select(state.index - 1));
   $("next").addEventListener("click", () => select(state.index + 1));
   $("play").addEventListener("click", () => setPlaying(!state.playing));
-  $("time").addEventListener("input", () => { setPlaying(false); state.time = Number($("time").value); });
-  for (const id of ["sgf", "ogf", "trail", "solid"]) $(id).addEventListener("change", () => show.options());
-  $("follow").addEventListener("change", () => { followed = null; });
+  $("time").addEventListener("input", () => { setPlaying(false); state.time = Number($("time").value); redraw(); });
+  for (const id of ["sgf", "ogf", "trail", "solid"]) $(id).addEventListener("change", () => { show.options(); redraw(); });
+  $("follow").addEventListener("change", () => { followed = null; redraw(); });
   for (const button of document.querySelectorAll("[data-view]"))
     button.addEventListener("click", () => frame(button.dataset.view));
   window.addEventListener("keydown", (event) => {
-    if (page.live) return;
-    if (["SELECT", "INPUT"].includes(document.activeElement.tagName) && event.key !== " ") return;
+    if (page.live || event.ctrlKey || event.altKey || event.metaKey) return;
+    // A list opens and a slider moves by these keys; a checkbox has the space bar, and no use for arrows.
+    const at = document.activeElement;
+    if (at.tagName === "SELECT" || (at.tagName === "INPUT" && at.type !== "checkbox")) return;
+    if (event.key === " " && ["INPUT", "BUTTON"].includes(at.tagName)) return;
     const action = {
       " ": () => setPlaying(!state.playing), ArrowRight: () => step(1), ArrowLeft: () => step(-1),
       ArrowUp: () => select(state.index - 1), ArrowDown: () => select(state.index + 1),
+      ",": () => step(-1), ".": () => step(1), Home: () => jump(0), End: () => jump(1),
     }[event.key];
     if (!action) return;
     event.preventDefault();
@@ -389,6 +459,8 @@
     renderer.setSize(window.innerWidth, window.innerHeight, false);
     camera.aspect = window.innerWidth / window.innerHeight;
     camera.updateProjectionMatrix();
+    if (show) plot(page.records[state.index]);
+    redraw();
   }
   window.addEventListener("resize", resize);
 
@@ -399,6 +471,9 @@
     last = now;
     const record = page.records[state.index];
     const end = record.time[record.time.length - 1];
+    orbit.update(); // tells of a change where the camera still glides
+    if (!state.playing && !page.live && !stale_picture) return;
+    stale_picture = false;
     if (state.playing) {
       state.time += passed * Number($("speed").value);
       if (state.time >= end) {
@@ -424,7 +499,10 @@
       $("events").children[i].firstChild.classList.toggle("past", event.time <= state.time));
     $("time").value = String(state.time);
     $("clock").textContent = `${state.time.toFixed(2)} / ${end.toFixed(2)} s`;
-    orbit.update();
+    if (!page.live) {
+      show.mark(state.time);
+      showPresent(record, state.time);
+    }
     renderer.render(stage, camera);
   }
 
@@ -465,13 +543,38 @@
       : old ? `last ${heard.mode}, ${silent.toFixed(1)} s ago` : `${heard.time.toFixed(2)} s`;
   }
 
-  // "#rollout=2&time=1.5&view=side&pause" opens the page there, for links and for pictures of it.
-  const wish = new URLSearchParams(window.location.hash.slice(1));
+  // "#rollout=2&time=1.5&view=side&pause" opens the page there, and leads a page that is open there, for links and for
+  // pictures of it; "plain" leaves the panels out.
+  function obey() {
+    const wish = new URLSearchParams(window.location.hash.slice(1));
+    const index = Math.max(Number(wish.get("rollout") ?? state.index + 1) - 1, 0) || 0;
+    if (!show || index !== state.index) select(index);
+    setPlaying(!wish.has("pause"));
+    const time = Number(wish.get("time") ?? NaN);
+    if (Number.isFinite(time)) state.time = time;
+    if (["angle", "side", "front", "top"].includes(wish.get("view"))) frame(wish.get("view"));
+    document.body.classList.toggle("plain", wish.has("plain"));
+    redraw();
+  }
   resize();
-  setPlaying(!wish.has("pause"));
-  select(Math.max(Number(wish.get("rollout") ?? 1) - 1, 0) || 0);
-  if (Number.isFinite(Number(wish.get("time") ?? NaN))) state.time = Number(wish.get("time"));
-  if (["angle", "side", "front", "top"].includes(wish.get("view"))) frame(wish.get("view"));
+  obey();
+  window.addEventListener("hashchange", obey);
+  $("link").addEventListener("click", () => {
+    const hash = `#rollout=${state.index + 1}&time=${state.time.toFixed(2)}&pause`;
+    window.history.replaceState(null, "", hash);
+    // Pages that were opened as files may not have a clipboard; the address bar has the link then.
+    const copied = window.navigator.clipboard?.writeText(window.location.href) ?? Promise.reject(new Error("no clipboard"));
+    copied.then(() => "Copied", () => "In the address bar").then((said) => {
+      $("link").textContent = said;
+      setTimeout(() => { $("link").textContent = "Copy link"; }, 1500);
+    });
+  });
+  function fold(folded) {
+    document.body.classList.toggle("folded", folded);
+    $("fold").setAttribute("aria-expanded", String(!folded));
+  }
+  $("fold").addEventListener("click", () => fold(!document.body.classList.contains("folded")));
+  if (window.innerWidth <= 640) fold(true); // a phone shows the robot first
   if (page.live) hear();
   requestAnimationFrame(tick);
 })();

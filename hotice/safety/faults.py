@@ -55,13 +55,15 @@ class Fault(IntEnum):
     STATE_NOT_FINITE = 21
     """A number of the measured state is not finite."""
     # it falls
-    JOINT_SPEED = 22
+    FALLING = 22
+    """The pelvis leans, and goes on leaning so fast that it will soon lean too far."""
+    JOINT_SPEED = 23
     """A joint is faster than in any trained motion."""
-    GYRO = 23
+    GYRO = 24
     """The pelvis turns too fast."""
-    PELVIS_LOW = 24
+    PELVIS_LOW = 25
     """The pelvis is too low."""
-    TILT = 25
+    TILT = 26
     """The pelvis leans too far."""
 
 

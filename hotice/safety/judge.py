@@ -23,6 +23,7 @@ _COMMAND_NOT_FINITE, _STATE_LATE = int(Fault.COMMAND_NOT_FINITE), int(Fault.STAT
 _STATE_FROZEN, _STATE_MISSING = int(Fault.STATE_FROZEN), int(Fault.STATE_MISSING)
 _STATE_IMPOSSIBLE, _QUATERNION = int(Fault.STATE_IMPOSSIBLE), int(Fault.QUATERNION)
 _STATE_NOT_FINITE, _JOINT_SPEED = int(Fault.STATE_NOT_FINITE), int(Fault.JOINT_SPEED)
+_FALLING = int(Fault.FALLING)
 _GYRO, _PELVIS_LOW, _TILT = int(Fault.GYRO), int(Fault.PELVIS_LOW), int(Fault.TILT)
 _HOLD, _DAMP = int(Answer.HOLD), int(Answer.DAMP)
 STILL_GYRO_RAD_S, STILL_JOINT_RAD_S, STILL_UP = 0.3, 0.5, 0.95
@@ -47,6 +48,7 @@ def measurement_array(limits: MeasurementLimits) -> Array:
             limits.lowest_pelvis_m,
             limits.highest_pelvis_m,
             limits.box_reach_m,
+            limits.falling_rad,
         ]
     )
 
@@ -100,6 +102,29 @@ def find_state(begun, now, quat, gyro, q, qd, lower, upper, limits):
             begun[_GYRO] = now
         if beyond:
             begun[_JOINT_LIMIT] = now
+
+
+def lean_ahead(quat, gyro, ahead_s):
+    """Lean of the pelvis `ahead_s` from now at its present rate [rad], of a quaternion (4,) wxyz near unit length.
+
+    The lean is the angle between its z axis and the vertical; `gyro` (3,) [rad/s] in P says how fast it grows.
+    """
+    w, x, y, z = quat
+    # the vertical in P
+    ux, uy, uz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
+    level = math.sqrt(ux * ux + uy * uy)
+    if level < 1e-9:
+        rate = math.sqrt(gyro[0] * gyro[0] + gyro[1] * gyro[1])
+    else:
+        rate = (uy * gyro[0] - ux * gyro[1]) / level
+    return math.atan2(level, uz) + ahead_s * rate
+
+
+def find_falling(begun, now, ahead_rad, limits):
+    """The fault of a pelvis whose `lean_ahead` [rad] is too large; after `find_state`, which judged the measurement."""
+    unsound = min(begun[_STATE_NOT_FINITE], begun[_STATE_IMPOSSIBLE], begun[_QUATERNION])
+    if ahead_rad > limits[10] and not math.isfinite(unsound):
+        begun[_FALLING] = now
 
 
 def find_pose(begun, now, p_WP, p_WO, R_WO, limits):

@@ -10,6 +10,10 @@ from hotice.task.rules import FALLEN_M
 
 DAMPING_KD = 8.0
 """Damping of a falling robot's joints [N m s/rad] (docs/station.md)."""
+FALLING_S = 0.02
+"""How long a robot must be seen falling over: two measurements of a station (docs/station.md)."""
+AHEAD_S = 0.15
+"""How far ahead its lean is looked at, at the present rate (docs/station.md)."""
 LARGEST_SPEED = 20.0
 """Largest joint speed that is commanded [rad/s]."""
 
@@ -28,6 +32,8 @@ class MeasurementLimits:
     """Largest turning rate of the pelvis, of each axis (unitree_sdk2)."""
     tilt_rad: float = 1.0
     """Largest lean of the pelvis, at most π (unitree_sdk2)."""
+    falling_rad: float = 0.9
+    """Largest lean that the pelvis will have 0.15 s ahead at its present rate, at most π (ours; docs/station.md)."""
     joint_margin_rad: float = 0.1
     """How far a joint may be pressed beyond its range (ours)."""
     possible_margin_rad: float = 0.6
@@ -41,7 +47,8 @@ class MeasurementLimits:
 
     def __post_init__(self) -> None:
         # it acts by its cosine, which an angle beyond π would turn round
-        checks.number("tilt_rad", self.tilt_rad, checks.Range(least=0, most=math.pi, unit="rad"))
+        for name in ("tilt_rad", "falling_rad"):
+            checks.number(name, getattr(self, name), checks.Range(least=0, most=math.pi, unit="rad"))
         checks.numbers(self, checks.NOT_NEGATIVE, "joint_margin_rad", "possible_margin_rad", "lowest_pelvis_m")
         checks.numbers(
             self,

@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from hotice.safety.faults import Answer, Fault
+from hotice.safety.limits import FALLING_S
 
 PASS, STOP, REPEAT, HOLD, DAMP = Answer
 _BOX = ((0.0, PASS), (0.5, STOP))
@@ -15,6 +16,8 @@ _STATE = ((0.0, REPEAT), (0.05, DAMP))
 _OLD = ((0.0, PASS), (0.05, DAMP))
 _CONTROLLER = ((0.0, REPEAT), (0.06, DAMP))
 _FALL = ((0.0, DAMP),)
+# two measurements say so, not one
+_FALLING = ((0.0, PASS), (FALLING_S, DAMP))
 RESPONSES: Mapping[Fault, tuple[tuple[float, Answer], ...]] = MappingProxyType(
     {
         Fault.BOX_LATE: _BOX,
@@ -38,6 +41,7 @@ RESPONSES: Mapping[Fault, tuple[tuple[float, Answer], ...]] = MappingProxyType(
         Fault.STATE_IMPOSSIBLE: _STATE,
         Fault.QUATERNION: _STATE,
         Fault.STATE_NOT_FINITE: _STATE,
+        Fault.FALLING: _FALLING,
         Fault.JOINT_SPEED: _FALL,
         Fault.GYRO: _FALL,
         Fault.PELVIS_LOW: _FALL,

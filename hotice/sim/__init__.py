@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
+    from hotice.sim.batch_env import Step
     from hotice.sim.carry_bank import CarryBank
-    from hotice.sim.env import Step, TransportEnv
+    from hotice.sim.env import TransportEnv
     from hotice.sim.observations import Observation, ObservationTable
     from hotice.sim.rewards import REWARDS, Reward, RewardTable
     from hotice.sim.snapshot import Snapshot

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from hotice.fields.bank import FieldBank
 from hotice.model.scene import GOAL_HEIGHT_M, Scene
+
+if TYPE_CHECKING:
+    from hotice.fields.bank import FieldBank
 
 BODY_RADIUS_M = 0.38
 OBJECT_REACH_M = 0.62

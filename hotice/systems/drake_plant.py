@@ -39,6 +39,7 @@ from hotice.model import builder as models
 from hotice.model import g1, self_contact
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
+from hotice.systems.drake_dampers import DrakeDampers
 from hotice.systems.drake_shapes import pose, primitive
 from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, TOUCHING_BODIES
 
@@ -65,6 +66,7 @@ class DrakePlant(Diagram):
     """Lagged point contact at the points that MuJoCo's model has (four spheres a sole and a palm), joints 20.
 
     Input `actuation` (20,): torques [N m], or with `servo` targets [rad] of Drake's implicit joint servos.
+    `damped` (20,), optional: joints where it is above 0 are only damped, implicitly, whatever they are told.
     Outputs `state` (67,): [q; v] of the plant; `contact_force` (12,): see `signals`.
     `index` (66,): see `DrakeStateAdaptor`. `plant`, `scene_graph`: Drake's.
 
@@ -89,6 +91,7 @@ class DrakePlant(Diagram):
             discrete_contact_approximation="lagged",
             use_sampled_output_ports=False,
         )
+        dampers = builder.AddNamedSystem("dampers", DrakeDampers(time_step_s))
         plant, scene_graph = AddMultibodyPlant(config, builder)
         (robot,) = models.add_to_plant(plant, 20, wrist_pos)
         groups, meeting = _robot_geometry(plant, scene_graph)
@@ -111,23 +114,29 @@ class DrakePlant(Diagram):
         self.index = _index(plant)
         _check_order(plant, robot)
         plant.SetDefaultPositions(self._positions(qpos))
-        self._add_ports(builder, robot, servo)
+        dampers.drive([plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices(robot)])
+        self._add_ports(builder, robot, servo, dampers)
         builder.BuildInto(self)
 
-    def _add_ports(self, builder: DiagramBuilder, robot: Any, servo: bool) -> None:
+    def _add_ports(self, builder: DiagramBuilder, robot: Any, servo: bool, dampers: DrakeDampers) -> None:
         plant = self.plant
+        desired = builder.AddNamedSystem("desired_state", Multiplexer([NUM_JOINTS, NUM_JOINTS]))
+        rest = builder.AddNamedSystem("at_rest", ConstantVectorSource(np.zeros(NUM_JOINTS)))
+        builder.Connect(rest.get_output_port(), desired.get_input_port(1))
+        builder.Connect(desired.get_output_port(), plant.get_desired_state_input_port(robot))
         if servo:
-            desired = builder.AddNamedSystem("desired_state", Multiplexer([NUM_JOINTS, NUM_JOINTS]))
-            rest = builder.AddNamedSystem("at_rest", ConstantVectorSource(np.zeros(NUM_JOINTS)))
-            builder.Connect(rest.get_output_port(), desired.get_input_port(1))
-            builder.Connect(desired.get_output_port(), plant.get_desired_state_input_port(robot))
             builder.ExportInput(desired.get_input_port(0), "actuation")
         else:
-            builder.ExportInput(plant.get_actuation_input_port(robot), "actuation")
-        touch = builder.AddNamedSystem("contact_forces", _ContactForces(plant))
-        builder.Connect(plant.get_contact_results_output_port(), touch.get_input_port())
+            # dampers, which the actuators may become, need a state to damp to
+            builder.Connect(rest.get_output_port(), desired.get_input_port(0))
+            builder.ExportInput(dampers.GetInputPort("actuation"), "actuation")
+            builder.Connect(dampers.get_output_port(), plant.get_actuation_input_port(robot))
+        builder.ExportInput(dampers.GetInputPort("damped"), "damped")
+        touch = builder.AddNamedSystem("contact_forces", _ContactForces(plant, dampers))
+        builder.Connect(plant.get_contact_results_output_port(), touch.get_input_port(0))
+        builder.ConnectInput("damped", touch.GetInputPort("damped"))
         builder.ExportOutput(plant.get_state_output_port(), "state")
-        builder.ExportOutput(touch.get_output_port(), "contact_force")
+        builder.ExportOutput(touch.GetOutputPort("contact_force"), "contact_force")
 
     def _positions(self, qpos: Array) -> Array:
         q = np.zeros(self.plant.num_positions())
@@ -144,15 +153,19 @@ class DrakePlant(Diagram):
 
 
 class _ContactForces(LeafSystem):
-    """Input the plant's contact results; output `contact_force` (12,), see `signals`."""
+    """Inputs the plant's contact results and `damped`; output `contact_force` (12,), see `signals`."""
 
-    def __init__(self, plant: MultibodyPlant) -> None:
+    def __init__(self, plant: MultibodyPlant, dampers: DrakeDampers) -> None:
         super().__init__()
+        self._dampers = dampers
         self._touching = {plant.GetBodyByName(name).index(): i for i, name in enumerate(TOUCHING_BODIES)}
         self._results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
+        self._damped = self.DeclareVectorInputPort("damped", NUM_JOINTS)
         self.DeclareVectorOutputPort("contact_force", CONTACT_FORCE, self._output)
 
     def _output(self, context: Context, output: BasicVector) -> None:
+        # contacts are solved with the motors as they are in this Context
+        self._dampers.set_gains(self._dampers.wanted(self._damped, context))
         results = self._results.Eval(context)
         force = np.zeros((len(TOUCHING_BODIES), 3))
         for i in range(results.num_point_pair_contacts()):

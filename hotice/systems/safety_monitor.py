@@ -23,6 +23,7 @@ from hotice.model.carry import CarryState
 from hotice.model.joint_limits import position_limits, torque_limits
 from hotice.policy.percept import Percept
 from hotice.safety import AgeLimits, Answer, CommandLimits, Fault, MeasurementLimits, judge
+from hotice.safety.limits import AHEAD_S
 from hotice.safety.responses import response_table, still_table
 from hotice.systems.signals import (
     GUIDANCE,
@@ -42,6 +43,7 @@ FAULTS = len(Fault)
 LEGS_AND_WAIST = np.array([not any(arm in joint for arm in ("shoulder", "elbow")) for joint in g1.ACTION_JOINTS])
 _GYRO = ROOT_RATE.start
 _OBSERVATION_INVALID, _GUIDANCE_INVALID = int(Fault.OBSERVATION_INVALID), int(Fault.GUIDANCE_INVALID)
+_AHEAD_S = AHEAD_S
 _REPEAT, _MOVING_RAD_S = int(Answer.REPEAT), judge.MOVING_RAD_S
 _P_WP, _P_WO, _R_WO = (Percept.PARTS[name].start for name in ("p_WP", "p_WO", "R_WO"))
 COUNTS, DECISION, SPARED, MEMORY = range(4)
@@ -62,6 +64,8 @@ class SafetyLimits:
 
     tilt_rad: float = math.acos(UPRIGHT)
     """Largest lean of the pelvis, at most π: a fall, as in the task."""
+    falling_rad: float = MeasurementLimits.falling_rad
+    """Largest lean of the pelvis 0.15 s ahead at its present rate, at most π: a fall that has begun."""
     joint_margin_rad: float = 0.2
     """How far a joint may be pressed beyond its range."""
     joint_speed_rad_s: float = 45.0
@@ -90,6 +94,7 @@ class SafetyLimits:
         """Limits of one measurement."""
         return MeasurementLimits(
             tilt_rad=self.tilt_rad,
+            falling_rad=self.falling_rad,
             joint_margin_rad=self.joint_margin_rad,
             joint_speed_rad_s=self.joint_speed_rad_s,
             gyro_rad_s=self.gyro_rad_s,
@@ -135,6 +140,7 @@ class SafePosture:
 
 
 _find_state, _find_pose = compiled(judge.find_state), compiled(judge.find_pose)
+_lean_ahead, _find_falling = compiled(judge.lean_ahead), compiled(judge.find_falling)
 _find_command, _find_ages = compiled(judge.find_command), compiled(judge.find_ages)
 _remember, _decide, _stands_still = compiled(judge.remember), compiled(judge.decide), compiled(judge.stands_still)
 
@@ -158,7 +164,20 @@ def _passes(command, lower, upper):
 
 @compiled
 def _check(
-    now, state, percept, guidance, sources, command, tick, status, memory, counts, table, still_holds, limits, final
+    now,
+    state,
+    percept,
+    guidance,
+    sources,
+    command,
+    tick,
+    status,
+    memory,
+    counts,
+    table,
+    still_holds,
+    limits,
+    final,
 ):
     """Answer and fault of one check, after the checks before, which `memory` and `counts` hold.
 
@@ -169,6 +188,7 @@ def _check(
     q, qd, gyro = state[JOINT_POS], state[JOINT_VEL], state[_GYRO : _GYRO + 3]
     quat = state[3:7]
     _find_state(begun, now, quat, gyro, q, qd, lower, upper, measurement)
+    _find_falling(begun, now, _lean_ahead(quat, gyro, _AHEAD_S), measurement)
     if len(percept):
         p_WP, p_WO = percept[_P_WP : _P_WP + 3], percept[_P_WO : _P_WO + 3]
         _find_pose(begun, now, p_WP, p_WO, percept[_R_WO : _R_WO + 9], measurement)
@@ -219,9 +239,10 @@ def held_torque(state: Array, posture: SafePosture, torque: Array, q: Array) -> 
 
 
 def damping_torque(state: Array, posture: SafePosture) -> Array:
-    """Torques (20,) that only damp, none where a joint's speed is unknown; for plants without dampers.
+    """Torques (20,) that only damp, none where a joint's speed is unknown; for motors that cannot damp by themselves.
 
-    By the trained damping: more of it shakes light joints where torques are held for a time step.
+    By the trained damping: more of it shakes light joints where torques are held for a time step. Plants of a station
+    damp by themselves, and do not follow it.
     """
     qd = state[JOINT_VEL]
     return np.clip(-posture.kd * np.where(np.isfinite(qd), qd, 0.0), -posture.limit, posture.limit)
@@ -237,7 +258,7 @@ class SafetyMonitor(LeafSystem):
     """Judges robot and command, and lets a command pass or answers.
 
     Inputs `robot_state` (84,), `tick` (1,), `command` (20,); optional `watched_percept` (119,), `watched_guidance`
-    (122,), `sources` (4,), `status` (2,). Outputs `command` (20,), safe; `answer` (2,); `damped` (20,); `faults` (26,).
+    (122,), `sources` (4,), `status` (2,). Outputs `command` (20,), safe; `answer` (2,); `damped` (20,); `faults` (27,).
 
     `robot_state`: what the robot measures, of which joints, quaternion and gyro are read; `tick`: when, by its own
     clock [s]. `sources`, `status`, `answer`: see `signals`. `damped`: 1 for joints whose motors shall only damp, for
@@ -254,7 +275,13 @@ class SafetyMonitor(LeafSystem):
         torques: commands are torques [N m]; otherwise joint targets [rad] of the motors' servos.
     """
 
-    def __init__(self, posture: SafePosture, limits: SafetyLimits, control_dt_s: float, torques: bool = True) -> None:
+    def __init__(
+        self,
+        posture: SafePosture,
+        limits: SafetyLimits,
+        control_dt_s: float,
+        torques: bool = True,
+    ) -> None:
         super().__init__()
         self.posture, self.limits, self.torques = posture, limits, torques
         margin = limits.target_margin_rad

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import get_type_hints
 
-from hotice.commands.configs import OPTIONS
+from hotice.commands.line.options import OPTIONS
 from tests.attack.bad_files import LONG
 
 Line = tuple[str, tuple[str, ...], tuple[int, ...]]
@@ -21,13 +21,13 @@ FILE_LINES: Mapping[str, tuple[tuple[str, ...], ...]] = {
         ("scene", "show", "FILE", "--html", "o.html"),
         ("scene", "check", "FILE"),
         ("scene", "import-front3d", "FILE", "--models", "."),
-        ("evaluate", "--policy", "carry", "--scenes", "FILE", "nope"),
-        ("play", "--scenes", "FILE", "nope"),
-        ("train", "--scenes", "FILE", "nope", "--out", "r", "--num-envs", "8"),
-        ("benchmark", "--scenes", "FILE", "nope", "--num-envs", "8"),
+        ("evaluate", "--policy", "carry", "--scenes", "FILE", "nope.json"),
+        ("play", "--scenes", "FILE", "nope.json"),
+        ("train", "--scenes", "FILE", "nope.json", "--out", "r", "--num-envs", "8"),
+        ("benchmark", "--scenes", "FILE", "nope.json", "--num-envs", "8"),
     ),
     ".onnx": (
-        ("evaluate", "--policy", "FILE", "--scenes", "nope"),
+        ("evaluate", "--policy", "FILE", "--scenes", "nope.json"),
         ("play", "--policy", "FILE", "--scenes", "open_floor", "--out", "no/o.html"),
         ("export", "--policy", "FILE", "--out", "o.onnx"),
         ("merge", "--parts", "FILE", "nope", "--out", "m"),

@@ -172,7 +172,7 @@ def policy():
 
 def scored(path):
     """A line that opens a policy and then ends: there is no such scene."""
-    return str(path), ("evaluate", "--policy", path, "--scenes", "nope"), (2,)
+    return str(path), ("evaluate", "--policy", path, "--scenes", "nope.json"), (2,)
 
 
 def test_policies_with_other_bytes(attack, rng, files, policy):
@@ -254,7 +254,7 @@ def test_policies_that_are_other_programs(attack, files, policy, shell, tmp_path
         lines.append((name, *scored(files(f"{name}.onnx", model.SerializeToString()))[1:]))
     attack(lines)
     said = {name: shell([str(word) for word in argv], tmp_path).err for name, argv, _ in lines}
-    assert "unknown scene 'nope'" in said.pop("sound")
+    assert "nope.json" in said.pop("sound")
     assert {"no tensor", "no node"} == {name for name, err in said.items() if "onnxruntime cannot run it" in err}
     assert sum("is no policy as `hotice export` writes it" in err for err in said.values()) == len(said) - 2
 

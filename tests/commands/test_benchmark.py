@@ -6,7 +6,7 @@ import pytest
 
 from hotice.commands import benchmark
 from hotice.commands.benchmark import SHARES, measure
-from hotice.commands.configs import BenchmarkConfig
+from hotice.commands.line.benchmark_config import BenchmarkConfig
 from hotice.commands.program import main
 from hotice.commands.stopwatch import Stopwatch
 from hotice.errors import HoticeError, InvalidConfig

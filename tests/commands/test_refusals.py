@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from hotice.commands.configs import BenchmarkConfig, PlayConfig
+from hotice.commands.configs import PlayConfig
+from hotice.commands.line.benchmark_config import BenchmarkConfig
 from hotice.commands.program import main
 from hotice.commands.recipes import ReproduceConfig
 from hotice.commands.reproduce import reproduce

@@ -9,7 +9,7 @@ import pytest
 import tyro
 
 import hotice.commands.reproduce as module
-from hotice.commands.configs import Flat
+from hotice.commands.line.parse import Flat
 from hotice.commands.paper_tables import TABLES
 from hotice.commands.program import main
 from hotice.commands.recipes import RECIPES, ReproduceConfig

@@ -27,11 +27,19 @@ def state_fault(name, value):
     return edit
 
 
-TURNED = (float(np.cos(0.5001)), 0.0, float(np.sin(0.5001)), 0.0)
+def leaning(lean_rad, rate_rad_s=0.0):
+    """Leans forward by so much, further at a rate."""
+
+    def edit(state):
+        state["imu_state"]["quaternion"] = np.cos(0.5 * lean_rad), 0.0, np.sin(0.5 * lean_rad), 0.0
+        state["imu_state"]["gyroscope"][:] = 0.0, rate_rad_s, 0.0
+
+    return edit
 
 
 NOW = {
-    "lean": (state_fault("quaternion", TURNED), Cause.LEAN, 0.0),
+    "lean": (leaning(1.0002, -1.0), Cause.LEAN, 0.0),
+    "falling over": (leaning(0.6, 2.05), Cause.FALLING, 0.02),
     "joint speed": (state_fault("dq", 30.1), Cause.JOINT_SPEED, 0.0),
     "gyro": (state_fault("gyroscope", -6.1), Cause.GYRO, 0.0),
     "angle not finite": (state_fault("q", np.nan), Cause.STATES_REFUSED, 0.008),
@@ -60,7 +68,9 @@ def test_states_that_end_in_damping(name, mode):
 
 
 HARMLESS = {
-    "lean": state_fault("quaternion", (float(np.cos(0.4999)), 0.0, float(np.sin(0.4999)), 0.0)),
+    "lean": leaning(0.9998, -1.0),
+    "leaning on": leaning(0.6, 1.95),
+    "leaning less and less": leaning(0.6, -5.0),
     "negated attitude": state_fault("quaternion", (-1.0, 0.0, 0.0, 0.0)),
     "joint speed": state_fault("dq", -29.9),
     "gyro": state_fault("gyroscope", 5.9),
@@ -72,6 +82,12 @@ def test_states_that_do_not(name):
     bench = bench_in(Mode.CARRY)
     bench.edit = HARMLESS[name]
     assert bench.seconds(1.0) is Mode.CARRY
+
+
+def test_one_state_that_says_so_is_no_fall():
+    bench = bench_in(Mode.CARRY)
+    once(bench, leaning(0.6, 5.0), ticks=9)
+    assert bench.ticks(50) is Mode.CARRY
 
 
 def once(bench, edit, ticks=1):

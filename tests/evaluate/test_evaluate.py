@@ -6,8 +6,8 @@ import mujoco
 import pytest
 import torch
 
-import hotice.evaluate.conditions as conditions
 import hotice.evaluate.scorer as module
+import hotice.evaluate.start as start
 from hotice.errors import CheckpointError, HoticeError, InvalidConfig
 from hotice.evaluate.carriers import policy_digest
 from hotice.evaluate.conditions import Conditions
@@ -195,7 +195,7 @@ def test_a_diverged_trial_counts_from_where_it_was(standing, states):
                 env.physics.qvel[1] = float("inf")
             return super().act(obs)
 
-    class Seen(conditions.TransportEnv):
+    class Seen(start.TransportEnv):
         def __init__(self, *args, **kwargs):
             nonlocal env
             super().__init__(*args, **kwargs)
@@ -204,7 +204,7 @@ def test_a_diverged_trial_counts_from_where_it_was(standing, states):
     env = None
     place = Scene("far", bounds_m=((-0.5, -1.0, 0.0), (4.5, 1.0, 1.5)), start=(2.0, 0.0, 0.0), goal=(2.5, 0.0))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(conditions, "TransportEnv", Seen)
+        patch.setattr(start, "TransportEnv", Seen)
         trials = score_block(Exploding(standing.meta), place, states, 0, CALM)
     assert trials.outcome[1] == "unstable" and 0.4 < trials.distance_m[1] < 0.6
     assert not Path("MUJOCO_LOG.TXT").exists()
@@ -286,12 +286,12 @@ def test_single_sources_of_noise_can_be_switched_off(onnx_file, tmp_path, capfd)
 def test_without_reaches_the_environment(standing, states, monkeypatch):
     seen = []
 
-    class Watched(conditions.TransportEnv):
+    class Watched(start.TransportEnv):
         def __init__(self, *args, config, **kwargs):
             seen.append(config)
             super().__init__(*args, config=config, **kwargs)
 
-    monkeypatch.setattr(conditions, "TransportEnv", Watched)
+    monkeypatch.setattr(start, "TransportEnv", Watched)
     for sources in ((), ("pushes",), ("dynamics", "root-rate")):
         score_block(standing, near(0.04), states, 0, Conditions(without=sources))
     assert [c.push_m_s for c in seen] == [1.0, 0.0, 1.0] and [c.sensing.root_hz for c in seen] == [10.0, 10.0, 0.0]

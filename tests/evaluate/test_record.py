@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-import hotice.evaluate.conditions as conditions
+import hotice.evaluate.start as start
 from hotice.errors import CheckpointError, InvalidConfig
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.record import record_rollouts
@@ -71,7 +71,7 @@ def scripted(monkeypatch):
     """Function: from control step t on the goal counts as reached, and from u on the object as hit; no physics."""
 
     def script(reached=10**9, hit=10**9):
-        class Scripted(conditions.TransportEnv):
+        class Scripted(start.TransportEnv):
             steps = 0
 
             def step(self, action):
@@ -83,7 +83,7 @@ def scripted(monkeypatch):
                 rest = dict(self_depth=torch.zeros(self.num_envs))
                 return type("Step", (), dict(policy=action, outcome=still, goal_distance=away, seen=seen, **rest))
 
-        monkeypatch.setattr(conditions, "TransportEnv", Scripted)
+        monkeypatch.setattr(start, "TransportEnv", Scripted)
 
     return script
 

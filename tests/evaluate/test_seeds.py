@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from hotice.evaluate.conditions import Conditions, start_trials
+from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.seeds import TrialSeeds, object_seed
 from hotice.evaluate.spread import spread_ratio
+from hotice.evaluate.start import start_trials
 from hotice.model import Box, builder, load_scene
 from hotice.model.carry import solve_carry
 from hotice.model.geometry.shapes import BoxShape

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import hotice.evaluate.carriers as carriers
-import hotice.evaluate.conditions as conditions
+import hotice.evaluate.start as start
 import hotice.evaluate.walk_trials as walk_trials
 from hotice.commands.program import main
 from hotice.control.plant import TorquePlant
@@ -124,7 +124,7 @@ def test_policies_and_the_walk_start_alike(asked, onnx_file, monkeypatch):
     """Objects and starts of all blocks, to the bit."""
     seen = {"walk": [], "policy": []}
 
-    class Watched(conditions.TransportEnv):
+    class Watched(start.TransportEnv):
         def step(self, action):
             row = (self.carry.states[int(self.memory.model[0])].carried, self.physics.qpos[0].clone())
             if not seen["policy"] or len(seen["policy"]) < blocks:
@@ -139,7 +139,7 @@ def test_policies_and_the_walk_start_alike(asked, onnx_file, monkeypatch):
     walk = Scorer.of(asked())
     for block in (0, 1):
         walk.score(WalkConfig(), 0, block)
-    monkeypatch.setattr(conditions, "TransportEnv", Watched)
+    monkeypatch.setattr(start, "TransportEnv", Watched)
     policy = Scorer.of(asked(controller="policy", policy=str(onnx_file), horizon_s=0.02))
     for block in (0, 1):
         blocks = block + 1

@@ -16,7 +16,7 @@ import pytest
 import torch
 import yaml
 
-from hotice.commands.configs import OPTIONS, field_names
+from hotice.commands.line.options import OPTIONS, field_names
 from hotice.commands.pipeline.file import load_pipeline
 from hotice.commands.pipeline.jobs import LOCK, Job, JobProcess
 from hotice.commands.program import main

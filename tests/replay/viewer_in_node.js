@@ -46,7 +46,7 @@ page.THREE = { ...page.THREE,
     setSize() {}
     render(scene) { stage = scene; }
   },
-  OrbitControls: class { constructor() { this.target = new page.THREE.Vector3(); } update() {} } };
+  OrbitControls: class { constructor() { this.target = new page.THREE.Vector3(); } update() {} addEventListener() {} } };
 vm.runInContext(scripts[2], page);
 
 function step(ms) {

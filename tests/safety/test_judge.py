@@ -7,7 +7,7 @@ from hotice.errors import InvalidConfig
 from hotice.model import g1
 from hotice.model.joint_limits import position_limits, torque_limits
 from hotice.safety import RESPONSES, AgeLimits, Answer, CommandLimits, Fault, MeasurementLimits
-from hotice.safety.judge import measurement_array, stands_still
+from hotice.safety.judge import lean_ahead, measurement_array, stands_still
 from hotice.safety.responses import STILL_HOLDS, response_table
 from tests.safety.watch_fixture import Watch
 
@@ -63,12 +63,17 @@ def test_a_state_that_is_not_finite(name, bad):
         ({"quat": -0.91 * UPRIGHT}, None),
         ({"quat": 0.89 * UPRIGHT}, Fault.QUATERNION),
         ({"quat": 1e200 * UPRIGHT}, Fault.QUATERNION),
-        ({"quat": leaning(0.99)}, None),
-        ({"quat": leaning(1.01)}, Fault.TILT),
-        ({"quat": -1.05 * leaning(1.01)}, Fault.TILT),
-        ({"quat": leaning(np.pi)}, Fault.TILT),
+        ({"quat": leaning(0.89)}, None),
+        ({"quat": -1.05 * leaning(0.91)}, Fault.FALLING),
+        ({"quat": leaning(0.6), "gyro": np.array([1.9, 0.0, 0.0])}, None),
+        ({"quat": leaning(0.6), "gyro": np.array([2.1, 0.0, 0.0])}, Fault.FALLING),
+        ({"quat": leaning(0.6), "gyro": np.array([-2.1, 0.0, 5.0])}, None),
+        ({"quat": leaning(0.99), "gyro": np.array([-1.0, 0.0, 0.0])}, None),
+        ({"quat": leaning(1.01), "gyro": np.array([-1.0, 0.0, 0.0])}, Fault.TILT),
+        ({"quat": -1.05 * leaning(1.01), "gyro": np.array([-1.0, 0.0, 0.0])}, Fault.TILT),
+        ({"quat": leaning(np.pi)}, (Fault.TILT, Fault.FALLING)),
         ({"gyro": np.array([0.0, -5.9, 0.0])}, None),
-        ({"gyro": np.array([0.0, -6.1, 0.0])}, Fault.GYRO),
+        ({"gyro": np.array([0.0, -6.1, 0.0])}, (Fault.GYRO, Fault.FALLING)),
         ({"gyro": np.array([0.0, 1e6, 0.0])}, Fault.STATE_IMPOSSIBLE),
         ({"qd": with_one(GOOD["qd"], 3, -19.9)}, None),
         ({"qd": with_one(GOOD["qd"], 3, -30.1)}, Fault.JOINT_SPEED),
@@ -80,7 +85,33 @@ def test_a_state_that_is_not_finite(name, bad):
     ],
 )
 def test_a_state(change, fault):
-    assert seen(**change) == (() if fault is None else (fault,))
+    assert seen(**change) == (() if fault is None else fault if isinstance(fault, tuple) else (fault,))
+
+
+def test_the_lean_ahead():
+    """By finite differences: turned on at the gyro's rate, a body leans so much more."""
+    from hotice.model.frames import quat_from_axis_angle, quat_mul, quat_rotate
+
+    def lean(quat):
+        return np.arccos(quat_rotate(quat, np.array([0.0, 0.0, 1.0]))[2])
+
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        quat = quat_from_axis_angle(np.array([*rng.normal(size=2), 0.0]), rng.uniform(0.1, 1.4))
+        quat = quat_mul(quat_mul(quat_from_axis_angle(np.array([0.0, 0.0, 1.0]), rng.normal()), quat), UPRIGHT)
+        gyro, dt = rng.normal(size=3), 1e-6
+        later = quat_mul(quat, quat_from_axis_angle(gyro, dt * np.linalg.norm(gyro)))
+        expected = lean(quat) + 0.15 * (lean(later) - lean(quat)) / dt
+        assert lean_ahead(quat, gyro, 0.15) == pytest.approx(expected, abs=1e-6)
+    assert lean_ahead(UPRIGHT, np.array([0.3, -0.4, 9.0]), 0.15) == pytest.approx(0.075)
+
+
+def test_a_robot_is_damped_when_two_measurements_say_that_it_falls():
+    w, answers = watch(), []
+    for k, lean in enumerate((0.5, 0.95, 0.5, 0.95, 0.95)):
+        w.see_state(0.02 * k, **{**GOOD, "quat": leaning(lean), "qd": np.full(20, 0.1 + 0.01 * k)})
+        answers.append(w.decide(0.02 * k).answer)
+    assert answers == [Answer.PASS] * 4 + [Answer.DAMP] and w.counts[Fault.FALLING] == 3
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from hotice import checks
 from hotice.safety import judge
 from hotice.safety.faults import Answer, Fault
-from hotice.safety.limits import AgeLimits, CommandLimits, MeasurementLimits
+from hotice.safety.limits import AHEAD_S, AgeLimits, CommandLimits, MeasurementLimits
 from hotice.safety.responses import response_table, still_table
 
 Array = NDArray[np.float64]
@@ -70,6 +70,8 @@ class Watch:
         """Notes what the robot measures of itself; see `hotice.safety.judge.find_state`."""
         with np.errstate(all="ignore"):
             judge.find_state(self._begun, now_s, quat, gyro, q, qd, self.lower, self.upper, self._measurement)
+            ahead_rad = judge.lean_ahead(quat, gyro, AHEAD_S)
+            judge.find_falling(self._begun, now_s, ahead_rad, self._measurement)
         numbers = np.concatenate([q, qd, gyro])
         if not np.array_equal(numbers, self._numbers) or np.abs(qd).max() < judge.MOVING_RAD_S:
             self._same = np.inf

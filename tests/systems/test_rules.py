@@ -64,7 +64,7 @@ def test_so_are_a_fall_and_a_drop(crouching):
 
 def test_the_monitor_knows_the_same_lean(crouching):
     station, state = crouching
-    monitor = SafetyMonitor(SafePosture.of(station.carry), SafetyLimits(), 0.02)
+    monitor = SafetyMonitor(SafePosture.of(station.carry), SafetyLimits(falling_rad=np.pi), 0.02)
     for degrees, fault in ((59.0, Fault.NONE), (61.0, Fault.TILT)):
         half = np.deg2rad(degrees) / 2
         state = state.copy()

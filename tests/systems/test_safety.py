@@ -132,7 +132,7 @@ def test_a_fall_is_final_and_the_arms_let_go_after_a_second(watched, robot_state
         _, answer, fault, damped = watched.step()
         assert (answer, fault) == (Answer.DAMP, Fault.TILT)
         np.testing.assert_array_equal(damped, LEGS_AND_WAIST if k < 50 else np.ones(20))
-    assert watched.counts == {Fault.TILT: 1}
+    assert watched.counts == {Fault.TILT: 1, Fault.FALLING: 1}
 
 
 def test_the_arms_of_a_fallen_robot_hold_what_they_held_whatever_is_commanded_later(watched, robot_state):

@@ -6,8 +6,9 @@ import mujoco
 import pytest
 
 from hotice.errors import UnknownName
-from hotice.evaluate.conditions import Conditions, start_trials
+from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.config import EvaluateConfig
+from hotice.evaluate.start import start_trials
 from hotice.model import load_scene
 from hotice.model.dynamics import TRAINING_PALMS, DynamicsConfig, student_dynamics
 from hotice.sim import TaskConfig

@@ -20,7 +20,8 @@ from typing import Any
 
 import tyro
 
-from hotice.commands.configs import OPTIONS, Flat, field_names
+from hotice.commands.line.options import OPTIONS, field_names
+from hotice.commands.line.parse import Flat
 from hotice.errors import HoticeError, InvalidConfig, OutputError, UnknownName
 from hotice.files import make_folder, output_file, write_text
 from hotice.owner import try_lock

@@ -47,6 +47,7 @@ class Cause(IntEnum):
     GAMEPAD = 16
     PUBLISHER = 17
     LINK = 18
+    FALLING = 19
 
 
 class Finding(NamedTuple):
@@ -90,6 +91,11 @@ def lean(quaternion: np.ndarray, limits: GuardLimits) -> Reaction:
     return _graded(
         math.acos(min(max(up, -1.0), 1.0)) if math.isfinite(up) else math.nan, (limits.lean_rad, Reaction.DAMPING)
     )
+
+
+def falling(lasted_s: float, limits: GuardLimits) -> Reaction:
+    """How long the lean ahead has been beyond `falling_rad` [s]; minus infinity: it is not."""
+    return Reaction.DAMPING if lasted_s >= limits.falling_s else Reaction.NONE
 
 
 def joint_speed(dq: np.ndarray, limits: GuardLimits) -> Reaction:

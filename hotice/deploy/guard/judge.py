@@ -12,6 +12,8 @@ from hotice.deploy.guard.faults import Cause, Finding, Reaction
 from hotice.deploy.guard.measured import Measured
 from hotice.deploy.guard.targets import Targets
 from hotice.deploy.messages.hg import JOINTS
+from hotice.safety.judge import lean_ahead
+from hotice.safety.limits import AHEAD_S
 
 
 class Judge:
@@ -54,6 +56,7 @@ class Judge:
         state = measured.newest.record
         imu, motors = state["imu_state"], state["motor_state"][JOINTS]
         yield Finding(Cause.LEAN, faults.lean(imu["quaternion"], limits), "the pelvis leans too far")
+        yield Finding(Cause.FALLING, faults.falling(self._falling_s(measured), limits), "the pelvis is falling over")
         speed = faults.joint_speed(motors["dq"], limits)
         yield Finding(Cause.JOINT_SPEED, speed, "a joint is too fast")
         yield Finding(Cause.GYRO, faults.gyro(imu["gyroscope"], limits), "the pelvis turns too fast")
@@ -68,6 +71,17 @@ class Judge:
                 continue
             lasted_s = now_s - self._since.setdefault(cause, now_s)
             yield Finding(cause, faults.lasting(lasted_s, limits), text)
+
+    def _falling_s(self, measured: Measured) -> float:
+        """How long states have said that the robot falls over [s]; minus infinity: the newest does not."""
+        newest = measured.newest
+        assert newest is not None
+        imu = newest.record["imu_state"]
+        quaternion = imu["quaternion"] / np.linalg.norm(imu["quaternion"])
+        if lean_ahead(quaternion.tolist(), imu["gyroscope"].tolist(), AHEAD_S) <= self._config.limits.falling_rad:
+            self._since.pop(Cause.FALLING, None)
+            return -np.inf
+        return newest.received_s - self._since.setdefault(Cause.FALLING, newest.received_s)
 
     def _of_runner(self, targets: Targets, now_s: float) -> Iterator[Finding]:
         limits = self._config.limits

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hotice import checks
 from hotice.errors import InvalidConfig
-from hotice.safety.limits import AgeLimits, CommandLimits, MeasurementLimits
+from hotice.safety.limits import FALLING_S, AgeLimits, CommandLimits, MeasurementLimits
 
 _MEASURED, _COMMAND, _AGES = MeasurementLimits(), CommandLimits(), AgeLimits()
 
@@ -39,6 +39,10 @@ class GuardLimits:
     (measured). What is sent asks for at most 1."""
     lean_rad: float = _MEASURED.tilt_rad
     """Lean of the pelvis beyond which the robot falls."""
+    falling_rad: float = _MEASURED.falling_rad
+    """Lean that the pelvis will have 0.15 s ahead, at its present rate, beyond which it falls."""
+    falling_s: float = FALLING_S
+    """How long states must say so."""
     joint_rad_s: float = _MEASURED.joint_speed_rad_s
     """Measured joint speed beyond which it falls."""
     gyro_rad_s: float = _MEASURED.gyro_rad_s

@@ -14,9 +14,10 @@ from hotice.policy.percept import PerceptModel
 from hotice.replay.events import MOST_TEXT, RolloutEvent
 from hotice.replay.rollout import RolloutRecord
 
+FALLS = (Cause.LEAN, Cause.FALLING, Cause.JOINT_SPEED, Cause.GYRO)
 ENDINGS = {
     (spoken(Mode.HOLD.name), spoken(Cause.DONE.name)): "success",
-    **{(spoken(Mode.DAMPING.name), spoken(c.name)): "fall" for c in (Cause.LEAN, Cause.JOINT_SPEED, Cause.GYRO)},
+    **{(spoken(Mode.DAMPING.name), spoken(c.name)): "fall" for c in FALLS},
 }
 """Outcome of a run by the first of these changes, of the mode that begins and why; without any it is "running". The
 posture is reached by the same cause as the goal, and a robot that brakes already may lean as it likes."""

@@ -13,6 +13,8 @@ from hotice.learn.ppo.config import PpoConfig
 from hotice.learn.train.config import TrainConfig
 from hotice.task.config import TaskConfig
 
+TEACHERS = ("specialist", "generalist")
+"""Names of teachers, before their paths."""
 PPO_ALONE = ("clip", "target_kl", "max_learning_rate", "entropy")
 """Options of the optimiser that distillation, whose learning rate and losses are others, does not read."""
 
@@ -29,7 +31,8 @@ class DistillConfig(TrainConfig):
     out: Path = Path("runs/student")
     """Folder of the run: checkpoints, TensorBoard events, configuration."""
     teachers: tuple[Path, ...] = ()
-    """Specialists: checkpoints or runs. Each teaches in the scenes that it was trained on."""
+    """Specialists: checkpoints or runs, also as specialist=PATH. Each teaches in the scenes that it was trained on.
+    generalist=PATH: the same as --generalist."""
     generalist: Path | None = None
     """Teacher of the scenes that no specialist knows."""
     aggregate: int = 1
@@ -45,6 +48,7 @@ class DistillConfig(TrainConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self._read_names()
         if not self.teachers and self.generalist is None:
             raise InvalidConfig("no teachers: runs of specialists (teachers), of a generalist, or both are needed")
         checks.whole("aggregate", self.aggregate, Range(least=1, most=64, unit="rollouts"))
@@ -56,6 +60,22 @@ class DistillConfig(TrainConfig):
                     f"{name} is {getattr(self.ppo, name)}: distillation does not use it, leave it out "
                     f"({', '.join(PPO_ALONE)} are of dual PPO)"
                 )
+
+    def _read_names(self) -> None:
+        """Takes apart NAME=PATH among the teachers, the form in which `hotice reproduce` is given policies."""
+        specialists, generalists = [], [self.generalist] if self.generalist is not None else []
+        for teacher in self.teachers:
+            name, equals, path = str(teacher).partition("=")
+            if equals and name in TEACHERS and not path:
+                raise InvalidConfig(f"teacher {str(teacher)!r}: {name}=PATH is needed")
+            if equals and name == "generalist":
+                generalists.append(Path(path))
+            else:
+                specialists.append(Path(path) if equals and name in TEACHERS else teacher)
+        if len(generalists) > 1:
+            raise InvalidConfig(f"{len(generalists)} generalists are given: one is enough")
+        object.__setattr__(self, "teachers", tuple(specialists))
+        object.__setattr__(self, "generalist", generalists[0] if generalists else None)
 
     def begins_from(self) -> tuple[Path, ...]:
         generalist = () if self.generalist is None else (self.generalist,)

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-import torch
-
 from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
@@ -118,8 +116,13 @@ class TrainConfig:
 
     def torch_device(self) -> str:
         """The device to use. Raises `InvalidConfig` for one that torch does not know or that is not there."""
+        if self.device == "cpu" or (self.device == "auto" and self.physics != "warp"):
+            return "cpu"
+        # only here: torch takes seconds to import, and what is given wrongly is to be said at once
+        import torch
+
         if self.device == "auto":
-            return "cuda" if self.physics == "warp" and torch.cuda.is_available() else "cpu"
+            return "cuda" if torch.cuda.is_available() else "cpu"
         try:
             kind = torch.device(self.device).type
         except RuntimeError:

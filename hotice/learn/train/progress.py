@@ -19,6 +19,7 @@ from hotice.console import PlainConsole
 from hotice.errors import OutputError
 from hotice.files import make_folder, output_file, write_bytes
 from hotice.learn.train.config import TrainConfig
+from hotice.progress import in_words, left
 
 SHOWN = (
     "reward",
@@ -64,6 +65,7 @@ class Progress:
                 keep_rows(config.out / LOG, first)
             self.lines = open(config.out / LOG, "ab", buffering=0)  # noqa: SIM115 - closed in __exit__
         self.printed = 0.0
+        self.first, self.begin = first, time.monotonic()
 
     def __enter__(self) -> Progress:
         self.excepthook, threading.excepthook = threading.excepthook, self._quiet
@@ -101,10 +103,20 @@ class Progress:
         text = f"{steps / 1e6:.2f} M steps, {log['steps_per_s']:.0f}/s, " + ", ".join(
             f"{k.removeprefix('share/')} {log[k]:.2f}" for k in SHOWN if k in log
         )
+        text += self._left(update)
         self.bar.update(self.task, completed=update, text=text)
         if not self.live and time.monotonic() - self.printed > QUIET_S:
             self.note(f"update {update}: {text}")
             self.printed = time.monotonic()
+
+    def _left(self, update: int) -> str:
+        """When the run ends, by its limit of minutes or at the rate so far; empty where nothing limits it."""
+        if self.config.max_minutes:
+            seconds = 60.0 * self.config.max_minutes - (time.monotonic() - self.begin)
+            return f", {in_words(max(seconds, 0.0))} left"
+        if self.config.updates == TrainConfig.updates:
+            return ""
+        return left(update - self.first, self.config.updates - update, self.begin)
 
     def note(self, text: str) -> None:
         """Prints a line above the bar."""

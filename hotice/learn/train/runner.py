@@ -19,7 +19,8 @@ from hotice.learn.train.resume import begin_from, load_run, save_run
 from hotice.learn.train.run import Run
 from hotice.learn.train.signals import stop_on_signals
 from hotice.owner import sole_owner
-from hotice.sim.env import Step, TransportEnv
+from hotice.sim.batch_env import Step
+from hotice.sim.env import TransportEnv
 
 
 class Runner(Run):

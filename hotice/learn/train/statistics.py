@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from hotice.sim.env import Step
+from hotice.sim.batch_env import Step
 from hotice.task.rules import OUTCOMES
 
 

@@ -18,6 +18,7 @@ from hotice.errors import InvalidScene
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.generate.traversable import check_traversable
 from hotice.model.geometry.extents import extent
+from hotice.model.geometry.lengths import SMALL_M
 from hotice.model.scene import Obstacle, Scene
 from hotice.model.source import MapSource
 
@@ -26,8 +27,6 @@ SPACING_M = 0.1
 OFF_LIMITS_M = -1.0
 """Clearance where no way may lead, such as behind a wall; what is interpolated half-way to it counts as well."""
 
-SMALL_M, MEDIUM_M, LARGE_M = (3.0, 2.0, 1.5), (4.0, 3.0, 1.5), (5.0, 5.0, 1.5)
-"""Sizes of crops: the first and last are those of the paper's neighbours."""
 BODY_M, LOAD_M, LOAD_AHEAD_M = 0.34, 0.26, 0.45
 """Room that the body needs at start and goal, and the load ahead of it."""
 CORRIDOR_M, RUN_M = 2.0, 1.0

@@ -17,8 +17,9 @@ import numpy as np
 from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidScene
-from hotice.model.generate.crop import LARGE_M, MEDIUM_M, SMALL_M, crop, propose_ways, why_blocked
+from hotice.model.generate.crop import crop, propose_ways, why_blocked
 from hotice.model.generate.rooms import RECIPES, furnish
+from hotice.model.geometry.lengths import LARGE_M, MEDIUM_M, SMALL_M
 from hotice.model.scene import Scene
 
 MAX_COUNT = 10_000

@@ -20,7 +20,6 @@ from hotice.files import make_folder
 from hotice.model.frames import quat_rotate
 from hotice.model.generate.crop import (
     CORRIDOR_M,
-    LARGE_M,
     OFF_LIMITS_M,
     RUN_M,
     SPACING_M,
@@ -30,9 +29,11 @@ from hotice.model.generate.crop import (
     why_blocked,
 )
 from hotice.model.geometry.extents import category_by_height
+from hotice.model.geometry.lengths import LARGE_M
 from hotice.model.geometry.shapes import BoxShape, MeshShape
 from hotice.model.importers.front3d import Floor, Front3dReport, House, PlacedMesh, load_house
 from hotice.model.importers.meshes import export_obj, sample_surface
+from hotice.model.importers.options import Front3dConfig, Size
 from hotice.model.importers.solids import MAX_BODIES, Solid, boxed, solidify
 from hotice.model.scene import Obstacle, Scene, save_all
 from hotice.model.source import MapSource
@@ -52,7 +53,6 @@ APART_M = 0.5
 """Two ways of a house differ by this at start or goal."""
 
 Array = NDArray[np.float64]
-Size = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,24 +261,6 @@ def _boxes(piece: PlacedMesh, solid: Solid) -> list[Obstacle]:
 
 def _word(name: str) -> str:
     return re.sub(r"\W+", "_", name)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Front3dConfig:
-    """Scenes from one house of the 3D-FRONT data set."""
-
-    house: Path
-    """JSON file of the house."""
-    models: tuple[Path, ...]
-    """Folders of models, <jid>/raw_model.obj; several where the data set came in parts."""
-    out: Path = Path("scenes")
-    """Folder for one file per scene and the meshes that they share."""
-    count: int = 10
-    """Scenes wanted."""
-    seed: int = 0
-    """Seed of the order in which ways are tried."""
-    size_m: Size = LARGE_M
-    """Along the way, across, up."""
 
 
 def import_front3d(config: Front3dConfig) -> int:

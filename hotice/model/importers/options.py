@@ -1,17 +1,20 @@
-"""Options of a map that becomes a scene, as a user gives them."""
+"""Options of a map or a house that becomes scenes, as a user gives them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidConfig
+from hotice.model.geometry.lengths import LARGE_M
 
 FARTHEST_M = 100_000_000
 FAR_M = 1000.0
 """A map farther from its origin is a surveyor's: its scene has an origin of its own."""
+Size = tuple[float, float, float]
 Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 
 
@@ -65,3 +68,21 @@ class ImportOptions:
         checks.number("scale", self.scale, Range(least=1e-4, most=10_000, note="0.001 for millimetres"))
         checks.whole("min_points", self.min_points, checks.NOT_NEGATIVE)
         checks.whole("min_voxels", self.min_voxels, checks.COUNT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Front3dConfig:
+    """Scenes from one house of the 3D-FRONT data set."""
+
+    house: Path
+    """JSON file of the house."""
+    models: tuple[Path, ...]
+    """Folders of models, <jid>/raw_model.obj; several where the data set came in parts."""
+    out: Path = Path("scenes")
+    """Folder for one file per scene and the meshes that they share."""
+    count: int = 10
+    """Scenes wanted."""
+    seed: int = 0
+    """Seed of the order in which ways are tried."""
+    size_m: Size = LARGE_M
+    """Along the way, across, up."""

@@ -6,13 +6,14 @@ Everything above this protocol is torch and does not know which simulator runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
-
-import mujoco
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, Protocol
 
 from hotice.errors import InvalidConfig, UnknownName
+
+if TYPE_CHECKING:
+    import mujoco
+    import torch
+    from torch import Tensor
 
 BACKENDS = ("mujoco", "warp")
 
@@ -80,6 +81,8 @@ def make_physics(
     Raises `UnknownName`, and `InvalidConfig` for a device that the backend cannot use or packages that are missing.
     """
     if backend == "mujoco":
+        import torch
+
         from hotice.sim.physics.mujoco_batch import MujocoBatch
 
         if torch.device(device).type != "cpu":

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,8 @@ from hotice.model import builder as models
 from hotice.policy.guidance import FieldReading
 from hotice.policy.percept import NUM_SGF, Percept
 from hotice.replay import RolloutRecord
+from hotice.replay.events import RolloutEvent
+from hotice.systems.hand_over.mode_selector import MODES
 from hotice.systems.logs import SignalLog, read_logs
 from hotice.systems.signals import NQ
 from hotice.task.judge import Judge
@@ -36,7 +39,8 @@ def to_record(
     """
     logs = read_logs(station, context)
     state = logs["state_adaptor.robot_state"]
-    model = models.build_model(station.carry.carried, joints=29, floor=False)
+    # of the scene, without a table that the object is picked up from and must touch
+    model = models.build_model(station.carry.carried, station.scene, joints=29, floor=False)
     percepts = [Percept(row) for row in logs["sensor_model.percept"].value]
     readings = [FieldReading(row) for row in logs["guidance_field.guidance"].value]
     qpos = state.value[:, :NQ]
@@ -53,7 +57,20 @@ def to_record(
         arrow_pos_W=np.stack([np.concatenate([p.p_WK, p.p_WOK]) for p in percepts]),
         arrow_force_W=np.stack([r.force_W for r in readings]),
         arrow_is_ogf=np.arange(len(readings[0].force_W)) >= NUM_SGF,
+        events=_phases(logs),
     )
+
+
+def _phases(logs: Mapping[str, SignalLog]) -> Iterator[RolloutEvent]:
+    """Changes of who commands, and of a pick-up's phase, as events."""
+    from hotice.control.pickup import PHASES
+
+    for name, kind, words in (("pickup.phase", "note", PHASES), ("mode_selector.mode", "mode", MODES)):
+        if name in logs:
+            value = logs[name].value[:, 0].astype(int)
+            for row in np.flatnonzero(np.diff(value, prepend=-1)):
+                if value[row] >= 0:
+                    yield RolloutEvent(time_s=float(logs[name].time_s[row]), kind=kind, text=words[value[row]])
 
 
 def _carried_from(phase: SignalLog, rows: int) -> int:

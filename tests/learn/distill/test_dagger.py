@@ -1,4 +1,5 @@
 import dataclasses
+from pathlib import Path
 
 import pytest
 import torch
@@ -121,3 +122,13 @@ def test_a_run_is_not_resumed_with_other_teachers_or_another_objective(student, 
 def test_impossible_distillations_are_refused(student, tmp_path, changes, message):
     with pytest.raises(InvalidConfig, match=message):
         student(tmp_path, **changes)
+
+
+def test_teachers_have_the_form_of_policies():
+    """NAME=PATH, as `hotice reproduce --policies` takes it, or a path alone."""
+    named = DistillConfig(teachers=(Path("specialist=a"), Path("b=c"), Path("generalist=d")))
+    assert named.teachers == (Path("a"), Path("b=c")) and named.generalist == Path("d")
+    with pytest.raises(InvalidConfig, match="2 generalists"):
+        DistillConfig(teachers=(Path("generalist=a"),), generalist=Path("b"))
+    with pytest.raises(InvalidConfig, match="specialist=PATH is needed"):
+        DistillConfig(teachers=(Path("specialist="),))

@@ -1,6 +1,7 @@
 """What a run leaves in its folder while it goes on, read back."""
 
 import json
+import re
 
 import pytest
 
@@ -92,3 +93,17 @@ def test_no_episode_of_a_log_is_longer_than_what_was_simulated(tiny, tmp_path):
         assert sum(r["episodes"] for r in logged) > 0
     counts = [[(r["episodes"], r.get("length")) for r in rows(tmp_path / name)] for name in ("whole", "parts")]
     assert counts[0] == counts[1]
+
+
+@pytest.mark.parametrize(
+    "limits, said",
+    [
+        ({"max_minutes": 30.0}, ", 30 min left"),
+        ({"updates": 4}, ", some .* left"),
+        ({"updates": 1_000_000}, "fall 0.25$"),
+    ],
+)
+def test_when_a_run_ends_is_said(tiny, tmp_path, capsys, limits, said):
+    with Progress(tiny(tmp_path / "run", **limits), 0) as progress:
+        progress.report(1, 64, 0.1, NUMBERS)
+    assert re.search(said, capsys.readouterr().err.strip())

@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
-from hotice.commands.scene import main
+from hotice.commands.program import main
 from hotice.errors import InputError, InvalidConfig, InvalidMap, InvalidScene
 from hotice.model import load_scene
 from hotice.model.frames import quat_from_yaw
@@ -384,7 +384,7 @@ def test_models_in_several_folders(tmp_path, capsys, house):
         load_house(HOUSE, (first, tmp_path / "third"))
     command = ["import-front3d", "--house", str(HOUSE), "--out", str(tmp_path / "out"), "--count", "1", "--models"]
     for folders, share in (((first,), part), ((first, second), whole)):
-        assert main([*command, *map(str, folders)]) == 0
+        assert main(["scene", *command, *map(str, folders)]) == 0
         assert f"{100 * share:.0f} % of the furniture is missing" in capsys.readouterr().out
 
 

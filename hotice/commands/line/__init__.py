@@ -1,0 +1,1 @@
+"""The words of the command line: which commands there are, their options, their help."""

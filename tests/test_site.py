@@ -1,0 +1,42 @@
+"""The tool behind `make docs`: links out of `docs` lead to copies, and whatever MkDocs warns of fails."""
+
+import subprocess
+
+import pytest
+
+from tools import site
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    (tmp_path / "docs" / "deep").mkdir(parents=True)
+    (tmp_path / "hotice").mkdir()
+    (tmp_path / "hotice" / "card.md").write_text("# A card\n")
+    (tmp_path / "mkdocs.yml").write_text((site.ROOT / "mkdocs.yml").read_text().split("nav:\n")[0])
+    monkeypatch.setattr(site, "ROOT", tmp_path)
+    return tmp_path
+
+
+def test_links_out_of_the_pages_lead_to_copies(root):
+    (root / "docs" / "page.md").write_text("[card](../hotice/card.md#a-card), [page](other.md)\n")
+    site.gather(root / "source")
+    assert (root / "source" / "page.md").read_text() == "[card](files/hotice/card.md#a-card), [page](other.md)\n"
+    assert (root / "source" / "files" / "hotice" / "card.md").read_text() == "# A card\n"
+
+
+def test_a_link_to_no_file_is_an_error(root):
+    (root / "docs" / "page.md").write_text("[gone](../hotice/gone.md)\n")
+    with pytest.raises(FileNotFoundError, match="gone.md"):
+        site.gather(root / "source")
+
+
+@pytest.mark.parametrize("text, ok", [("[up](#a-head)", True), ("[gone](gone.md)", False), ("[up](#no-head)", False)])
+def test_what_mkdocs_warns_of_fails(root, text, ok):
+    pytest.importorskip("material")
+    (root / "docs" / "index.md").write_text(f"# A head\n\n{text}\n")
+    if ok:
+        site.build(root / "site", root / "build" / "source", refer=False)
+        assert "A head" in (root / "site" / "index.html").read_text()
+    else:
+        with pytest.raises(subprocess.CalledProcessError):
+            site.build(root / "site", root / "build" / "source", refer=False)
