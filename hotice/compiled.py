@@ -30,7 +30,7 @@ def compiled(function: Callable | None = None, /, **options: Any) -> Any:
     COMPILING.watch()
     if function is None:
         return lambda f: compiled(f, **options)
-    folder = _cache_folder()
+    folder = kept_in()
     if folder is None:
         return numba.njit(**options)(function)
     before = config.CACHE_DIR  # type: ignore[attr-defined]
@@ -42,8 +42,11 @@ def compiled(function: Callable | None = None, /, **options: Any) -> Any:
 
 
 @lru_cache
-def _cache_folder() -> Path | None:
-    """None: nothing is kept, with a warning; never where others could have put something, which would be run."""
+def kept_in() -> Path | None:
+    """Where compiled functions are kept; None: nowhere, with a warning.
+
+    Never where others could have put something, which would be run.
+    """
     given = os.environ.get("NUMBA_CACHE_DIR")
     try:
         return cache_folder(f"numba-{_digest()}", Path(given) / "hotice" if given else None)

@@ -22,7 +22,7 @@ def test_the_cache_lies_in_a_folder_of_this_state_of_the_sources(tmp_path, monke
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.delenv("HOTICE_CACHE", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    module._cache_folder.cache_clear()
+    module.kept_in.cache_clear()
     # numba looks at the changed environment when it compiles next; here it is to do so before
     config.reload_config()
     try:
@@ -33,7 +33,7 @@ def test_the_cache_lies_in_a_folder_of_this_state_of_the_sources(tmp_path, monke
         assert folder.name == f"numba-{module._digest()}"
         assert list(folder.rglob("*.nbi"))
     finally:
-        module._cache_folder.cache_clear()
+        module.kept_in.cache_clear()
 
 
 def test_another_source_is_another_folder(tmp_path, monkeypatch):
@@ -50,23 +50,23 @@ def test_without_a_folder_nothing_is_kept(tmp_path, monkeypatch):
     blocked.write_text("")
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("HOTICE_CACHE", str(blocked))
-    module._cache_folder.cache_clear()
+    module.kept_in.cache_clear()
     try:
         with pytest.warns(NotKept, match="compiled anew in each process: .*set HOTICE_CACHE"):
             made = compiled(add)
         assert made(2, 3) == 5 and not made.stats.cache_path
     finally:
-        module._cache_folder.cache_clear()
+        module.kept_in.cache_clear()
 
 
 def test_what_others_could_have_filled_is_not_run(tmp_path, monkeypatch):
     """An index of numba's is unpickled: whoever can write it runs code."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    module._cache_folder.cache_clear()
+    module.kept_in.cache_clear()
     try:
-        module._cache_folder().chmod(0o777)
-        module._cache_folder.cache_clear()
+        module.kept_in().chmod(0o777)
+        module.kept_in.cache_clear()
         with pytest.warns(NotKept, match="can be written by other users"):
-            assert module._cache_folder() is None
+            assert module.kept_in() is None
     finally:
-        module._cache_folder.cache_clear()
+        module.kept_in.cache_clear()

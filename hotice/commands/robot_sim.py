@@ -71,7 +71,7 @@ def _summary(network: NetworkRobot, lateness: Lateness) -> Table:
         ("lived", f"{robot.time_s:.2f} s, {robot.steps} states"),
         ("steps late", f"{shares}; worst {1e3 * lateness.worst_s:.2f} ms, slipped {lateness.slipped_s:.3f} s"),
         ("commands", f"{counts.taken} taken; refused: {refused}"),
-        *robot.story.in_words(robot),
+        *robot.told_story(),
     ):
         table.add_row(*row)
     return table

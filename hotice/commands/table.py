@@ -59,8 +59,10 @@ def pipeline(config: PipelineConfig) -> int:
 def evaluate(config: EvaluateConfig) -> int:
     """Score a policy, or the walking baseline, with exact collision geometry."""
     _check_names(config.scenes, config.policy)
+    from hotice.commands.warm import warm_once
     from hotice.evaluate.run import evaluate as run
 
+    warm_once()
     run(config)
     return 0
 

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import os
 import time
 
 import numpy as np
 
+from hotice import compiled
 from hotice.compiling import COMPILING
 from hotice.console import PlainConsole
+from hotice.files import write_text
 
 SCENE, POLICY = "gap", "student"
 SHORT_S = 0.1
+DONE = "warm"
+"""File beside what was compiled that says that all of this is there."""
 
 
-def warm() -> None:
+def warm_once() -> None:
+    """`warm`, unless it was done before, or nothing is kept: processes that begin together do not compile alike."""
+    folder = compiled.kept_in()
+    if folder is not None and not (folder / DONE).exists() and not os.environ.get("HOTICE_QUIET"):
+        warm(PlainConsole(stderr=True))
+
+
+def warm(console: PlainConsole | None = None) -> None:
     """Runs a short rollout and every kind of query of a field; says how much was compiled."""
     from hotice.evaluate.conditions import Conditions
     from hotice.evaluate.record import record_rollouts
@@ -31,7 +43,10 @@ def warm() -> None:
             getattr(guidance, query)(pelvis)
     check_traversable(scene)
     record_rollouts(load_policy(POLICY), scene, [solve_carry(box)], Conditions(horizon_s=SHORT_S))
-    console, spent = PlainConsole(), COMPILING.spent_s
+    console, spent = console or PlainConsole(), COMPILING.spent_s
+    folder = compiled.kept_in()
+    if folder is not None:
+        write_text(folder / DONE, "")
     if COMPILING.functions:
         console.print(f"compiled {COMPILING.functions} functions in {spent:.0f} s, once for this version of hotice")
     else:

@@ -32,6 +32,7 @@ class Measurement:
         p_WO, quat_WO, v_WO, w_WO_O: the same of the object's centre, or None where no object is seen.
         foot_force_W: (2, 3) contact force on the left and right foot [N], or None where it is not measured.
         hand_force_W: (2, 3) contact force on the left and right hand [N], or None where it is not measured.
+        stand: whether the controller is told to come to a stand: a walk ends there, a pick-up waits.
     """
 
     time_s: float
@@ -47,10 +48,14 @@ class Measurement:
     w_WO_O: Array | None = None
     foot_force_W: Array | None = None
     hand_force_W: Array | None = None
+    stand: bool = False
 
     def finite(self) -> bool:
-        """Whether every number that is there is finite."""
-        return all(value is None or bool(np.isfinite(value).all()) for value in vars(self).values())
+        """Whether every number that is there is finite, and every quaternion an attitude: of a length near 1."""
+        known = [value for value in vars(self).values() if value is not None]
+        if not all(bool(np.isfinite(value).all()) for value in known):
+            return False
+        return all(0.5 < q @ q < 2.0 for q in (self.quat_WP, self.quat_WO) if q is not None)
 
 
 @dataclass(frozen=True, kw_only=True)

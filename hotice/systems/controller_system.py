@@ -18,12 +18,14 @@ from hotice.control import Command, Controller, Measurement
 from hotice.errors import InvalidStation
 from hotice.model import g1
 from hotice.model.frames import rotation_z
-from hotice.safety import Fault
+from hotice.safety import Answer, Fault, MeasurementLimits
 from hotice.systems.failing import CONTROLLER_ERRORS, message_of
 from hotice.systems.signals import (
+    ANSWER,
     CONTACT_FORCE,
     JOINT_POS,
     JOINT_VEL,
+    NQ,
     OBJECT_POS,
     OBJECT_QUAT,
     OBJECT_RATE,
@@ -35,17 +37,24 @@ from hotice.systems.signals import (
 
 Array = NDArray[np.float64]
 UNKNOWN_PHASE = -1.0
+POSSIBLE = MeasurementLimits.possible_speed_rad_s
+"""Largest velocity of anything that a controller reads [m/s, rad/s]; beyond it the measurement is wrong."""
 TORQUE, PHASE, FAULTS, STATE = range(4)
 
 
 def measurement_of(
-    time_s: float, state: Array, contact_force: Array, origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    time_s: float,
+    state: Array,
+    contact_force: Array,
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    stand: bool = False,
 ) -> Measurement:
     """Measurement that a controller reads.
 
     Args:
         time_s: now. state: (84,) robot state; contact_force: (12,), see `signals`.
         origin: x, y [m], yaw [rad] of the frame on the floor in which the controller works.
+        stand: whether it is told to come to a stand.
     """
     x, y, yaw = origin
     R_GW = rotation_z(-yaw)
@@ -73,6 +82,7 @@ def measurement_of(
         w_WO_O=state[OBJECT_RATE].copy(),
         foot_force_W=force[:2],
         hand_force_W=force[2:],
+        stand=stand,
     )
 
 
@@ -91,12 +101,14 @@ class _Held:
 class ControllerSystem(LeafSystem):
     """Steps the controller by a periodic unrestricted update at its own rate; its memory is abstract state.
 
-    Inputs `robot_state` (84,), `contact_force` (12,); `active` (1,), optional: while it is 0 the controller rests.
+    Inputs `robot_state` (84,), `contact_force` (12,); `active` (1,), optional: while it is 0 the controller rests;
+    `answer` (2,), optional: see `signals`; the controller is told to stand while it says so.
     Outputs `torque` (20,) [N m], held between steps; `phase` (1,): index into `phases`, -1 for another; `faults` (1,):
     steps that were answered with a fallback; `status` (2,): see `signals`.
 
-    A step that was answered with a fallback, and an exception among `CONTROLLER_ERRORS`, are a fault in `status`; after
-    an exception torque and memory stay as they were, and the next step tries again. `message` says what happened last.
+    A velocity that cannot be, a step that was answered with a fallback, and an exception among `CONTROLLER_ERRORS` are
+    a fault in `status`; but for the fallback, torque and memory stay as they were, and the next step tries again.
+    `message` says what happened last.
 
     Args:
         controller: started at the first step.
@@ -122,6 +134,7 @@ class ControllerSystem(LeafSystem):
         self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
         self._force = self.DeclareVectorInputPort("contact_force", CONTACT_FORCE)
         self._active = self.DeclareVectorInputPort("active", 1)
+        self._answer = self.DeclareVectorInputPort("answer", ANSWER)
         for name, group in zip(("torque", "phase", "faults", "status"), groups, strict=True):
             self.DeclareStateOutputPort(name, group)
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / rate, 0.0, self._act)
@@ -137,10 +150,17 @@ class ControllerSystem(LeafSystem):
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
             return
-        measurement = measurement_of(
-            context.get_time(), self._state.Eval(context), self._force.Eval(context), self.origin
-        )
         status = state.get_mutable_discrete_state(STATE)
+        fastest = np.abs(self._state.Eval(context)[NQ:]).max()
+        if fastest > POSSIBLE:
+            text = f"a velocity of {fastest:g} m/s or rad/s is impossible: no step was made"
+            state.get_mutable_abstract_state(1).set_value(text)
+            status.SetFromVector([context.get_time(), float(Fault.STATE_IMPOSSIBLE)])
+            return
+        stand = self._answer.HasValue(context) and int(self._answer.Eval(context)[0]) == Answer.STOP_WALKING
+        measurement = measurement_of(
+            context.get_time(), self._state.Eval(context), self._force.Eval(context), self.origin, stand
+        )
         try:
             memory = self.memory(context)
             if memory is None:

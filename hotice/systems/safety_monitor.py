@@ -164,7 +164,20 @@ def _passes(command, lower, upper):
 
 @compiled
 def _check(
-    now, state, percept, guidance, sources, command, tick, status, memory, counts, table, still_holds, limits, final
+    now,
+    state,
+    percept,
+    guidance,
+    sources,
+    command,
+    tick,
+    status,
+    memory,
+    counts,
+    table,
+    still_holds,
+    limits,
+    final,
 ):
     """Answer and fault of one check, after the checks before, which `memory` and `counts` hold.
 
@@ -262,7 +275,13 @@ class SafetyMonitor(LeafSystem):
         torques: commands are torques [N m]; otherwise joint targets [rad] of the motors' servos.
     """
 
-    def __init__(self, posture: SafePosture, limits: SafetyLimits, control_dt_s: float, torques: bool = True) -> None:
+    def __init__(
+        self,
+        posture: SafePosture,
+        limits: SafetyLimits,
+        control_dt_s: float,
+        torques: bool = True,
+    ) -> None:
         super().__init__()
         self.posture, self.limits, self.torques = posture, limits, torques
         margin = limits.target_margin_rad

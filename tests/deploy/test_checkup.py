@@ -11,9 +11,10 @@ import pytest
 from hotice.commands.deploy.check import table_of
 from hotice.commands.deploy.check_config import RobotCheckConfig
 from hotice.console import PlainConsole
-from hotice.deploy.checkup import all_rows, watch_robot
+from hotice.deploy.checkup import all_rows, joint_rows, watch_robot
 from hotice.deploy.checkup.floor import lowest_sole
-from hotice.errors import InvalidConfig
+from hotice.deploy.simulated.moving import Move
+from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import builder
 from hotice.model.source import MapSource
 from tests.deploy.simulated_fixture import Lab
@@ -123,6 +124,35 @@ def test_a_silent_network():
     lab.clock = type(lab.clock)()
     rows = all_rows(watch_robot(lab.link, lab.poses, lab.tags, lab.clock, 1.0))
     assert {"states a second", "gamepad", "battery", "poses of localization a second"} <= set(failed(rows))
+
+
+ORDER = ("left_knee_joint", "waist_yaw_joint")
+
+
+def moved_in_turn(order, **config):
+    """Rows of joints that are moved as they are asked for, and what was asked."""
+    moves = tuple(f"{joint}@{1.3 + 3.5 * i:.1f}s" for i, joint in enumerate(order))
+    lab, asked = Lab(start="held", move=moves, **config), []
+    return joint_rows(lab.link, lab.clock, asked.append, order, 5.0), asked
+
+
+def test_the_order_of_the_joints():
+    rows, asked = moved_in_turn(ORDER, noise="trained")
+    assert asked == list(ORDER) and [row.passed for row in rows] == [True] * 2
+    for row, joint in zip(rows, ORDER, strict=True):
+        name, by = row.value.split(" by ")
+        assert name == joint and 0.35 < abs(float(by.split()[0])) < 0.65
+    rows, _ = moved_in_turn(ORDER[:1], fault=("joints-swapped@0s",))
+    assert failed(rows) == ["moved by hand: left_knee_joint"]
+    assert rows[0].value.startswith("right_knee_joint by ")
+    lab = Lab(start="standing")
+    (row,) = joint_rows(lab.link, lab.clock, lambda joint: None, ORDER[:1], 1.0)
+    assert row.value == "none moved" and row.passed is False
+    with pytest.raises(UnknownName, match="left_knee"):
+        RobotCheckConfig(joints=("left_knee",))
+    with pytest.raises(UnknownName):
+        Lab(move=("knee@1s",))
+    assert len(RobotCheckConfig(joints=("all",)).asked) == 29 == len(Move.parse("all@1s"))
 
 
 def test_the_lowest_sole_by_hand():

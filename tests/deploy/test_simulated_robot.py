@@ -343,22 +343,22 @@ def test_the_story_tells_what_happened_and_when():
     standing, held = Lab(fault=("push@0.1s",)), Lab(start="held")
     for lab in (standing, held):
         lab.live(0.1, lab.holding() if lab is standing else None)
-    words = dict(standing.robot.story.in_words(standing.robot))
+    words = dict(standing.robot.told_story())
     assert (
         words["object"] == "in its hands from the start" and words["robot and object"] == "neither fallen nor dropped"
     )
     assert words["touched"] == "no obstacle" and words["to the goal"].startswith("2.0")
-    assert dict(held.robot.story.in_words(held.robot))["object"] == "aside"
+    assert dict(held.robot.told_story())["object"] == "aside"
     standing.live(2.5, command())
-    words = dict(standing.robot.story.in_words(standing.robot))
+    words = dict(standing.robot.told_story())
     assert re.fullmatch(r"(fall|drop); first (fall|drop) at [0-2]\.\d s", words["robot and object"])
     # whoever is put back on its feet has fallen all the same
     standing.world.place(standing.world.start)
-    now, nearest = dict(standing.robot.story.in_words(standing.robot)), words["to the goal"].split()[-2]
+    now, nearest = dict(standing.robot.told_story()), words["to the goal"].split()[-2]
     assert now["robot and object"].startswith("neither fallen nor dropped; first ")
     assert float(nearest) <= 2.0
     held.robot.handing.stage = "held"
     held.live(0.02)
     held.robot.handing.stage = "gone"
     held.live(0.02)
-    assert dict(held.robot.story.in_words(held.robot))["object"] == "given to the robot at 0.1 s"
+    assert dict(held.robot.told_story())["object"] == "given to the robot at 0.1 s"

@@ -11,7 +11,7 @@ from rich.table import Table
 from hotice.commands.deploy.check_config import RobotCheckConfig
 from hotice.commands.deploy.config import fitting_scene
 from hotice.console import PlainConsole
-from hotice.deploy.checkup import Row, all_rows, watch_robot
+from hotice.deploy.checkup import Row, all_rows, joint_rows, watch_robot
 from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.dds.battery import DdsBattery
 from hotice.deploy.dds.link import DdsLink
@@ -49,7 +49,12 @@ def robot_check(config: RobotCheckConfig) -> None:
         while link.state() is None and clock.now() < found_s:
             clock.sleep(0.01)
         observed = watch_robot(link, poses, tags, clock, config.seconds, battery.charge)
-    rows = [*all_rows(observed, source=scene.source, stands=config.stands), step]
+
+        def ask(joint: str) -> None:
+            console.print(f"move by hand, then leave it: {joint}")
+
+        moved = joint_rows(link, clock, ask, config.asked, config.joint_s)
+    rows = [*all_rows(observed, source=scene.source, stands=config.stands), *moved, step]
     console.print(table_of(rows))
     failed = [row.name for row in rows if row.passed is False]
     if failed:

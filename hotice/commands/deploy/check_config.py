@@ -8,8 +8,10 @@ from typing import Literal
 
 from hotice import checks
 from hotice.commands.deploy.config import DeployConfig
+from hotice.deploy.checkup.joint_order import PATIENCE, check_joints
 from hotice.deploy.checkup.watch import LONGEST
 from hotice.deploy.sources.udp import POSE_PORT, TAGS_PORT
+from hotice.model import g1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +36,11 @@ class RobotCheckConfig:
     """How long it is watched."""
     stands: bool = False
     """The robot stands on the scene's floor: the floor's height is checked, too."""
+    joints: tuple[str, ...] = ()
+    """Joints that somebody moves by hand, one after another as they are asked for, or `all`: is it these that the
+    states say have moved? The robot hangs, its motors limp or braking."""
+    joint_s: float = 30.0
+    """Time for each."""
     pose_port: int = POSE_PORT
     """UDP port on this machine to which localization is sent."""
     tags_port: int = TAGS_PORT
@@ -41,8 +48,15 @@ class RobotCheckConfig:
 
     def __post_init__(self) -> None:
         checks.number("seconds", self.seconds, LONGEST)
+        checks.number("joint_s", self.joint_s, PATIENCE)
         # read once for what it raises
+        _ = self.asked
         self.deployment  # noqa: B018
+
+    @property
+    def asked(self) -> tuple[str, ...]:
+        """Joints that are to be moved, by name. Raises `UnknownName`."""
+        return g1.ALL_JOINTS if self.joints == ("all",) else check_joints(self.joints)
 
     @property
     def deployment(self) -> DeployConfig:

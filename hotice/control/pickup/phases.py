@@ -50,6 +50,10 @@ class Phases:
     def advance(self, memory: PickupMemory, m: Measurement) -> Motion:
         """One step: moves `memory` on, its reference included."""
         before, motion = memory.reference, Motion()
+        if m.stand and not memory.air.any():
+            # the phase goes on later, from where it is
+            memory.since_s += 1.0 / self.config.rate_hz
+            return motion
         STEPS[memory.phase](self, memory, m, motion, m.time_s - memory.since_s)
         if memory.phase in ("lift", "back", "retreat", "depart", "hold"):
             self._watch(memory, m)

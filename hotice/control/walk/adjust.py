@@ -134,6 +134,8 @@ class StepAdjuster:
         unit = 1.0 / np.sqrt(np.diag(H))  # x = unit * y
         H, g, lower, upper = unit[:, None] * H * unit, unit * g, lower / unit, upper / unit
         entries = H[_UPPER][_ORDER]
+        if not all(np.isfinite(part).all() for part in (entries, g, lower, upper)):
+            return otherwise, False
         if self._solver is None:
             import osqp
             from scipy import sparse

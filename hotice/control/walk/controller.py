@@ -8,6 +8,8 @@ acceleration of the centre of mass, the swing foot, the pelvis and the grasp.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +17,7 @@ from hotice.control.controller import Command, Measurement
 from hotice.control.walk.adjust import AdjustConfig, StepAdjuster
 from hotice.control.walk.config import WalkConfig
 from hotice.control.walk.dcm import DcmReference, natural_frequency
-from hotice.control.walk.footsteps import SIDE
+from hotice.control.walk.footsteps import SIDE, Footstep
 from hotice.control.walk.leg import toe_down
 from hotice.control.walk.memory import DOUBLE, SHIFT, STAND, SWING, WalkMemory
 from hotice.control.walk.plan import WalkPlan
@@ -90,6 +92,7 @@ class WalkController:
             height_m=height,
             lean_rad=lean,
             qp=self.qp.start(measurement),
+            footsteps=tuple(self.plan.footsteps),
         )
         self._refer(memory, measurement.time_s, self.config.shift_s)
         return memory
@@ -106,6 +109,8 @@ class WalkController:
         com, v_com = self._com(measurement)
         m.omega = natural_frequency(com[2])
         dcm = com[:2] + v_com[:2] / m.omega
+        if measurement.stand and not m.stops and m.phase in (SHIFT, DOUBLE):
+            self._stop(m, t)
         self._advance(m, measurement, t)
         self._choose_zmp(m, dcm, t)
         self._write_targets(m, com, t)
@@ -135,9 +140,29 @@ class WalkController:
         """Where the zero-moment point belongs in a sole, from the ankle's x, y, yaw."""
         return foot[:2] + self.config.zmp_ahead_m * np.array([np.cos(foot[2]), np.sin(foot[2])])
 
+    def _stop(self, m: WalkMemory, t: float) -> None:
+        """The plan ends here, or, of a robot that walks, after two more steps: half of one, and the other foot beside.
+
+        One step alone ends in a fall at full speed.
+        """
+        ahead, m.stops = m.footsteps[m.step :], True
+        if m.phase == SHIFT:
+            m.footsteps = m.footsteps[: m.step]
+        elif len(ahead) > 2:
+            beside = self._beside(m.feet[1 - ahead[0].foot], ahead[0])
+            half = replace(ahead[0], **{name: 0.5 * (getattr(beside, name) + getattr(ahead[0], name)) for name in "xy"})
+            m.footsteps = (*m.footsteps[: m.step], half, self._beside(np.array([half.x, half.y, half.yaw]), ahead[1]))
+        self._refer(m, t, max(self.config.double_support_s - (t - m.since_s), 0.0))
+
+    def _beside(self, foot: Array, step: Footstep) -> Footstep:
+        """The step moved to beside the other foot, which stands at x, y, yaw."""
+        x, y, yaw = foot
+        aside = 2.0 * SIDE[step.foot] * self.config.half_width_m
+        return replace(step, x=x - aside * np.sin(yaw), y=y + aside * np.cos(yaw), yaw=yaw)
+
     def _refer(self, m: WalkMemory, t: float, shift_s: float) -> None:
         """DCM reference from now to the end of the plan; the load leaves the present zero-moment point in `shift_s`."""
-        cfg, steps = self.config, self.plan.footsteps[m.step :]
+        cfg, steps = self.config, m.footsteps[m.step :]
         feet = [m.feet[0], m.feet[1]]
         time, zmp = [t], [m.zmp]
         now = t
@@ -158,17 +183,17 @@ class WalkController:
         """Phase changes."""
         cfg, since = self.config, t - m.since_s
         if m.phase in (SHIFT, DOUBLE):
-            if m.step >= len(self.plan.footsteps):
+            if m.step >= len(m.footsteps):
                 m.phase, m.since_s = STAND, t
             elif since >= (cfg.shift_s if m.phase == SHIFT else cfg.double_support_s) - 1e-9:
-                step = self.plan.footsteps[m.step]
+                step = m.footsteps[m.step]
                 m.phase, m.since_s = SWING, t
                 foot = m.feet[step.foot]
                 start = self.qp.terms.p_WF[LEFT_FOOT + step.foot]
                 m.swing = Swing(start, foot[2], step.swing, step.span_s)
                 m.landing, m.lands_s = step.xy, t + step.span_s
         elif m.phase == SWING:
-            step = self.plan.footsteps[m.step]
+            step = m.footsteps[m.step]
             force = measurement.foot_force_W
             touches = force is not None and force[step.foot, 2] > cfg.touch_n and since > 0.7 * (m.lands_s - m.since_s)
             if touches or t >= m.lands_s - 1e-9:
@@ -179,7 +204,7 @@ class WalkController:
     def _choose_zmp(self, m: WalkMemory, dcm: Array, t: float) -> None:
         cfg = self.config
         if m.phase == SWING:
-            step = self.plan.footsteps[m.step]
+            step = m.footsteps[m.step]
             stance = m.feet[1 - step.foot]
             left = m.lands_s - t
             planned = step.span_s - (t - m.since_s)
@@ -243,7 +268,7 @@ class WalkController:
             k.hand_normal_W[hand] = -inward
             k.hand_force_ref_W[hand] = -inward * self.state.squeeze_n
         if m.phase == SWING and m.swing is not None:
-            step = self.plan.footsteps[m.step]
+            step = m.footsteps[m.step]
             foot = LEFT_FOOT + step.foot
             landing = np.array([*m.landing, SOLE_HEIGHT_M])
             pose, speed, accel = m.swing.step(t - m.since_s, landing, step.yaw, m.lands_s - t)

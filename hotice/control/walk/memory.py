@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.control.walk.dcm import DcmReference
+from hotice.control.walk.footsteps import Footstep
 from hotice.control.walk.swing import Swing
 from hotice.control.whole_body.qp import QpMemory
 from hotice.control.whole_body.solvers import Guess
@@ -26,9 +27,10 @@ class WalkMemory:
         phase: of `SHIFT`, `SWING`, `DOUBLE`, `STAND`; since_s: when it began; step: index of the next footstep to land.
         feet: (2, 3) where the feet stand, x, y [m], yaw [rad]; zmp: (2,) last target of the zero-moment point [m].
         reference: DCM since the last landing; omega [1/s]. swing: of the foot in the air. landing: (2,) [m], lands_s:
-            as adjusted last. height_m, lean_rad: of the pelvis, as commanded last. qp: see `QpMemory`. unadjusted:
-            steps for which step adjustment had no answer. com (3,), dcm (2,): of the last measurement, object included
-            [m].
+            as adjusted last. height_m, lean_rad: of the pelvis, as commanded last. qp: see `QpMemory`.
+        footsteps: of the plan, fewer after it was told to stand; stops: whether it was.
+        unadjusted: steps for which step adjustment had no answer. com (3,), dcm (2,): of the last measurement, object
+            included [m].
     """
 
     phase: str
@@ -45,6 +47,8 @@ class WalkMemory:
     swing: Swing | None = None
     landing: Array = field(default_factory=lambda: np.zeros(2))
     lands_s: float = 0.0
+    footsteps: tuple[Footstep, ...] = ()
+    stops: bool = False
     unadjusted: int = 0
     com: Array = field(default_factory=lambda: np.zeros(3))
     dcm: Array = field(default_factory=lambda: np.zeros(2))

@@ -9,6 +9,7 @@ from hotice import checks
 from hotice.checks import Range
 from hotice.deploy.messages.hg import ABSENT
 from hotice.deploy.simulated.mishaps import Mishap
+from hotice.deploy.simulated.moving import Move
 from hotice.deploy.simulated.remote import Press
 from hotice.errors import InvalidConfig
 from hotice.model.objects import Box
@@ -58,9 +59,12 @@ class SimulatedRobotConfig:
     """What goes wrong and when: NAME@STARTs, or NAME@STARTs+DURATIONs, for example tag-loss@3s or tick-frozen@4s+0.5s.
     push and battery-low take none. Names: state-silent, state-lost, state-late, state-doubled, state-bad-crc,
     state-nan, tick-frozen, push, second-publisher, remote-loss, battery-low, motor-hot, motor-error, encoder-jump,
-    tag-loss, tag-foreign, pose-loss, pose-frozen, pose-jump, pose-turn, pose-nan."""
+    joints-swapped, tag-loss, tag-foreign, pose-loss, pose-frozen, pose-jump, pose-turn, pose-nan."""
     press: tuple[str, ...] = ()
     """Keys of the gamepad pressed for 0.2 s, or longer: KEYS@STARTs, or KEYS@STARTs+DURATIONs, for example L2+B@4s."""
+    move: tuple[str, ...] = ()
+    """Joints that somebody moves by hand, there and back within 2 s, for `hotice robot-check --joints`: JOINT@STARTs,
+    or all@STARTs for each in turn. Until the last one all others are kept still, as a real robot's gears keep them."""
     seed: int = 0
     """Seed of noise, delays, the drawn robot and faults."""
 
@@ -82,7 +86,7 @@ class SimulatedRobotConfig:
         checks.number("drift_m_s", self.drift_m_s, checks.NOT_NEGATIVE)
         checks.whole("seed", self.seed, checks.INT64)
         # read once for what they raise
-        _ = self.mishaps, self.presses
+        _ = self.mishaps, self.presses, self.moves
 
     @property
     def carried(self) -> Box:
@@ -98,6 +102,11 @@ class SimulatedRobotConfig:
     def mishaps(self) -> tuple[Mishap, ...]:
         """What goes wrong. Raises `UnknownName`, `InvalidConfig`."""
         return tuple(Mishap.parse(text) for text in self.fault)
+
+    @property
+    def moves(self) -> list[Move]:
+        """Joints moved by hand. Raises `UnknownName`, `InvalidConfig`."""
+        return [move for text in self.move for move in Move.parse(text)]
 
     @property
     def presses(self) -> tuple[Press, ...]:

@@ -37,6 +37,7 @@ MISHAPS = {
     "motor-hot": "all windings are 120 °C warmer",
     "motor-error": "the left knee reports an error",
     "encoder-jump": "the left knee's encoder reads 1 rad more",
+    "joints-swapped": "left and right knee are swapped in the states",
     "tag-loss": "the camera finds no tags",
     "tag-foreign": "each tag has an id that no box has",
     "pose-loss": "localization is silent",

@@ -22,6 +22,7 @@ from hotice.deploy.simulated.handing import Handing
 from hotice.deploy.simulated.lidar_map import map_in_scene
 from hotice.deploy.simulated.mishaps import Mishaps
 from hotice.deploy.simulated.motors import LIMP, MotorCommand
+from hotice.deploy.simulated.moving import Moving
 from hotice.deploy.simulated.outgoing_states import OutgoingStates
 from hotice.deploy.simulated.remote import SimulatedRemote
 from hotice.deploy.simulated.senses.localization import Localization, MapPlace
@@ -42,6 +43,8 @@ from hotice.task.sensing import STUDENT_SENSING, draw_delays
 GIVE_KEY, LOWER_KEY = "F1", "F2"
 """Keys of the gamepad by which whoever stands beside the robot gives it the object, and lowers the gantry."""
 OWN_CONTROLLER = "ai"
+LOOK_STEPS = 5
+"""Steps from one look for the story to the next."""
 LATE_STEPS = 10
 """A control step, by which states come late in half of all episodes."""
 DAMPED = LIMP._replace(kd=np.full(29, DAMPING_KD), on=np.ones(29, bool))
@@ -116,6 +119,7 @@ class SimulatedRobot:
         self._due: deque[tuple[float, MotorCommand]] = deque()
         self._heard = 0
         self.story = Story()
+        self._moving = Moving(self.world, config.moves)
         self._keys_before: frozenset[str] = frozenset()
         self._presses = deque(sorted(config.presses, key=lambda press: press.from_s))
 
@@ -168,6 +172,10 @@ class SimulatedRobot:
         failure = self.world.failure
         return "" if failure == "drop" and self.handing.stage != "gone" else failure
 
+    def told_story(self) -> list[tuple[str, str]]:
+        """What happened so far, as lines of a table."""
+        return self.story.in_words(self.world, self.failure, self.handing.stage)
+
     def release(self) -> None:
         """Releases its own controller: limp at once, as the real one; what steadies it does so until a command."""
         if self._own:
@@ -186,6 +194,7 @@ class SimulatedRobot:
         self._help()
         self.gantry.act()
         self.handing.act()
+        self._moving.act(self.time_s, self.told)
         self.world.step()
         self.steps += 1
         self._suffering.of_states(self.time_s, self.states, self.remote)
@@ -195,7 +204,8 @@ class SimulatedRobot:
         for sensor in (self.localization, self.sight):
             if sensor is not None:
                 sensor.live(self.time_s, self.epoch_s + self.time_s)
-        self.story.see(self)
+        if self.steps % LOOK_STEPS == 0:
+            self.story.see(self.time_s, self.world, self.failure, self.handing.stage)
 
     def _hear(self) -> None:
         received = self.end.command()

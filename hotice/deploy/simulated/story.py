@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from hotice.deploy.simulated.robot import SimulatedRobot
-
-LOOK_STEPS = 5
-"""Steps from one look to the next."""
+from hotice.deploy.simulated.handing import Stage
+from hotice.deploy.simulated.world import World
 
 
 class Story:
@@ -29,38 +25,35 @@ class Story:
         self.nearest_m = math.inf
         self._held_by_others = False
 
-    def see(self, robot: SimulatedRobot) -> None:
-        """After a step."""
-        if robot.steps % LOOK_STEPS:
-            return
-        now_s, world = robot.time_s, robot.world
-        if self.failed is None and (failure := robot.failure):
+    def see(self, now_s: float, world: World, failure: str, stage: Stage) -> None:
+        """A look at the robot, its `failure` at that time, and where its object is on the way to it."""
+        if self.failed is None and failure:
             self.failed = failure, now_s
         if self.touched is None and world.touched:
             self.touched = world.touched, now_s
-        given = robot.handing.stage == "gone"
+        given = stage == "gone"
         if given and self._held_by_others:
             self.given_s = now_s
         self._held_by_others = not given
-        self.nearest_m = min(self.nearest_m, goal_m(robot))
+        self.nearest_m = min(self.nearest_m, goal_m(world))
 
-    def in_words(self, robot: SimulatedRobot) -> list[tuple[str, str]]:
+    def in_words(self, world: World, failure: str, stage: Stage) -> list[tuple[str, str]]:
         """Lines of a table, with how it is in the end."""
-        ends = robot.failure or "neither fallen nor dropped"
+        ends = failure or "neither fallen nor dropped"
         failed = f"{ends}; first {self.failed[0]} at {self.failed[1]:.1f} s" if self.failed else ends
         if self.given_s is not None:
             given = f"given to the robot at {self.given_s:.1f} s"
         else:
-            given = "in its hands from the start" if robot.handing.stage == "gone" else robot.handing.stage
+            given = "in its hands from the start" if stage == "gone" else stage
         return [
             ("robot and object", failed),
             ("object", given),
             ("touched", f"{self.touched[0]} at {self.touched[1]:.1f} s" if self.touched else "no obstacle"),
-            ("to the goal", f"{goal_m(robot):.2f} m, at the nearest {min(self.nearest_m, goal_m(robot)):.2f} m"),
+            ("to the goal", f"{goal_m(world):.2f} m, at the nearest {min(self.nearest_m, goal_m(world)):.2f} m"),
         ]
 
 
-def goal_m(robot: SimulatedRobot) -> float:
+def goal_m(world: World) -> float:
     """Distance of the pelvis from the scene's goal [m]."""
-    x, y = robot.world.data.qpos[:2]
-    return math.hypot(x - robot.world.scene.goal[0], y - robot.world.scene.goal[1])
+    x, y = world.data.qpos[:2]
+    return math.hypot(x - world.scene.goal[0], y - world.scene.goal[1])

@@ -47,6 +47,7 @@ class Suffering:
         states.extra_heat = EXTRA_HEAT_C if now("motor-hot", time_s) else 0.0
         states.knee_error = ENCODER_BIT if now("motor-error", time_s) else 0
         states.knee_offset_rad = ENCODER_RAD if now("encoder-jump", time_s) else 0.0
+        states.swapped = now("joints-swapped", time_s)
         remote.lost = now("remote-loss", time_s)
 
     def of_sources(self, time_s: float, localization: Localization | None, sight: TagSight | None) -> None:

@@ -40,8 +40,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating]
 SEEDS = 2**31
 """Number of seeds that a station may draw."""
-WATCHED_OF_POLICY = ("percept", "stamps", "guidance")
-"""Signals that the safety monitor watches where the controller is a policy; model-based ones read the true state."""
+WATCHED_OF_POLICY = ("guidance",)
+"""Signals that the safety monitor watches where the controller is a policy; others do not read fields."""
+TOLD_TO_STAND = ("policy", "walk", "pickup")
+"""Systems that come to a stand when they are told; `hold` does nothing else."""
 
 
 class Station(Diagram):
@@ -107,8 +109,8 @@ def make_station(
         plant: mujoco, or drake (a MultibodyPlant of the same robot, object and scene).
         controller: policy; hold (stands with the object); walk, pickup (`hotice.control`); pickup_then_policy.
         meshcat: a pydrake Meshcat to draw into; None: no visualizer.
-        faults: of signals, to see what the station does about them; those of percept, stamps and guidance for the
-            controller `policy` alone.
+        faults: of signals, to see what the station does about them; those of guidance for the controller `policy`
+            alone.
 
     Raises:
         UnknownName: plant or controller.
@@ -179,13 +181,14 @@ def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any, faults
     connect(builder, *wires.meet("command", command), safety, "command")
     if status is not None:
         connect(builder, *status, safety, "status")
+    connect(builder, *sensed.percept, safety, "watched_percept")
+    if sources is not None:
+        connect(builder, *sources, safety, "sources")
     if setup.controller_name == "policy":
-        # others read the true state, and their percepts would be computed for nothing
-        connect(builder, *sensed.percept, safety, "watched_percept")
         connect(builder, *sensed.guidance, safety, "watched_guidance")
-        if sources is not None:
-            connect(builder, *sources, safety, "sources")
-        connect(builder, safety, "answer", builder.GetSubsystemByName("policy"), "answer")
+    for system in builder.GetSystems():
+        if system.get_name() in TOLD_TO_STAND:
+            connect(builder, safety, "answer", system, "answer")
     connect(builder, safety, "command", plant, "actuation")
     connect(builder, safety, "damped", plant, "damped")
     if config.log_hz:

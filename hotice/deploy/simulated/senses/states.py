@@ -15,6 +15,7 @@ from hotice.task.sensing import SensingConfig
 
 Array = NDArray[np.float64]
 KNEE = g1.ALL_JOINTS.index("left_knee_joint")
+KNEES = KNEE, g1.ALL_JOINTS.index("right_knee_joint")
 TICKS = round(1e3 * STEP_S)
 """Ticks from state to state: milliseconds, as the vendor's examples count; not known of the robot."""
 AMBIENT_C, FULL_LOAD_C = 30.0, 90.0
@@ -43,8 +44,9 @@ class StateWriter:
         self._speed_before = world.joint_vel.copy()
         self._charge = battery_percent
         self.extra_heat, self.knee_error, self.knee_offset_rad = 0.0, 0, 0.0
+        self.swapped = False
         """For mishaps: added to every winding's temperature [°C]; bits of the left knee's error; what its encoder reads
-        beside the truth [rad]."""
+        beside the truth [rad]; whether both knees are swapped."""
 
     def write(self, remote: np.ndarray, on: np.ndarray) -> np.ndarray:
         """A new LowState () without checksum. `remote`: bytes of the gamepad (40,); `on`: which motors are, (29,)."""
@@ -65,6 +67,8 @@ class StateWriter:
         motors["temperature"][JOINTS, 1] = np.round(self._winding + self.extra_heat)
         motors["motorstate"][KNEE] = self.knee_error
         motors["q"][KNEE] += self.knee_offset_rad
+        if self.swapped:
+            motors[list(KNEES)] = motors[list(KNEES[::-1])]
         motors["vol"][JOINTS] = 1e-3 * CELLS * self._cell_mv
         self._speed_before = world.joint_vel.copy()
         self._write_imu(draws[58:61], draws[61:])

@@ -1,0 +1,68 @@
+"""Hands of somebody who moves joints of a simulated robot one after another, and keeps the others still meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hotice.deploy.simulated.motors import JOINTS, MotorCommand
+from hotice.deploy.simulated.timed import timed
+from hotice.deploy.simulated.world import JOINT_VEL, World
+from hotice.errors import UnknownName
+from hotice.model import g1
+
+ALL = "all"
+MOVE_S, PAUSE_S = 2.0, 2.0
+"""There and back with one joint, and the pause before the next, where all are moved."""
+BY_RAD = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Move:
+    """One joint moved by hand, there and back, from `from_s` on for `MOVE_S` [s]."""
+
+    joint: int
+    from_s: float
+
+    @classmethod
+    def parse(cls, text: str) -> list[Move]:
+        """From `JOINT@STARTs`, or `all@STARTs` for each joint in turn. Raises `UnknownName`, `InvalidConfig`."""
+        what, from_s, _ = timed("move", text, "left_knee_joint@3s or all@5s")
+        if what == ALL:
+            return [cls(joint=i, from_s=from_s + i * (MOVE_S + PAUSE_S)) for i in range(len(g1.ALL_JOINTS))]
+        if what not in g1.ALL_JOINTS:
+            raise UnknownName("joint", what, (ALL, *g1.ALL_JOINTS))
+        return [cls(joint=g1.ALL_JOINTS.index(what), from_s=from_s)]
+
+
+class Moving:
+    """The hands: as stiff as the robot's own servos at their trained gains, which are integrated implicitly."""
+
+    def __init__(self, world: World, moves: Sequence[Move]) -> None:
+        self._world, self._moves = world, moves
+        self._until_s = max((m.from_s + MOVE_S for m in moves), default=-math.inf)
+        self._first = world.joint_pos.copy()
+        zero, (kp, kd) = np.zeros(JOINTS), g1.gains(g1.ALL_JOINTS)
+        self._hands = MotorCommand(zero, zero, zero, kp, kd, np.ones(JOINTS, bool))
+
+    def act(self, time_s: float, told: MotorCommand) -> None:
+        """For the next physics step; `told`: what the motors do once all is over."""
+        if self._until_s == -math.inf:
+            return
+        if time_s >= self._until_s:
+            self._until_s = -math.inf
+            self._world.motors.command(told)
+            return
+        wished = self._first.copy()
+        for move in self._moves:
+            if move.from_s <= time_s < move.from_s + MOVE_S:
+                wished[move.joint] += self._way(move.joint) * math.sin(math.pi * (time_s - move.from_s) / MOVE_S) ** 2
+        self._world.motors.command(self._hands._replace(q=wished))
+
+    def _way(self, joint: int) -> float:
+        """How far and to which side a joint is moved: where there is more room [rad]."""
+        low, high = self._world.model.jnt_range[self._world.model.dof_jntid[JOINT_VEL.start + joint]]
+        return BY_RAD if high - self._first[joint] > self._first[joint] - low else -BY_RAD
