@@ -171,21 +171,21 @@ def find_ages(begun, now, stamps, before, same, limits):
         stamps: (4,) when state, command, pose and object pose were made [s]; NaN: never.
         before: (4,) the stamps of the check before.
         same: since when the state's numbers stand still though they should not [s]; inf: they move.
-        limits: (4,) ages from which each is late [s].
+        limits: (4,) ages from which each is late [s]. What is as far ahead of now was never made: its clock is wrong.
     """
-    if not math.isfinite(stamps[0]):
+    if not (math.isfinite(stamps[0]) and stamps[0] - now < limits[0]):
         begun[_STATE_MISSING] = now
     elif now - stamps[0] >= limits[0] - _SOON:
         begun[_STATE_FROZEN if stamps[0] == before[0] else _STATE_LATE] = stamps[0]
     if now - same >= limits[0] - _SOON:
         begun[_STATE_FROZEN] = min(same, begun[_STATE_FROZEN])
     # never made: late since whenever the fault is first seen
-    if not now - stamps[1] < limits[1] - _SOON:
-        begun[_COMMAND_LATE] = stamps[1] if math.isfinite(stamps[1]) else now
-    if not now - stamps[2] < limits[2] - _SOON:
-        begun[_POSE_LATE] = stamps[2] if math.isfinite(stamps[2]) else now
-    if not now - stamps[3] < limits[3] - _SOON:
-        begun[_BOX_LATE] = stamps[3] if math.isfinite(stamps[3]) else now
+    if not abs(now - stamps[1]) < limits[1] - _SOON:
+        begun[_COMMAND_LATE] = stamps[1] if math.isfinite(stamps[1]) and stamps[1] < now else now
+    if not abs(now - stamps[2]) < limits[2] - _SOON:
+        begun[_POSE_LATE] = stamps[2] if math.isfinite(stamps[2]) and stamps[2] < now else now
+    if not abs(now - stamps[3]) < limits[3] - _SOON:
+        begun[_BOX_LATE] = stamps[3] if math.isfinite(stamps[3]) and stamps[3] < now else now
 
 
 def stands_still(quat, gyro, qd):

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 _GOOD, _BOX, _PLACE = slice(0, PERCEPT), slice(PERCEPT, PERCEPT + GATE), slice(PERCEPT + GATE, PERCEPT + 2 * GATE)
 _STAMPS = slice(PERCEPT + 2 * GATE, PERCEPT + 2 * GATE + 2)
 _SIZE = _STAMPS.stop
+_AHEAD_S = 1e-6
+"""Rounding of times."""
 
 
 class PerceptGuard(LeafSystem):
@@ -71,13 +73,14 @@ class PerceptGuard(LeafSystem):
         with np.errstate(all="ignore"):
             judge.find_pose(found, 0.0, percept.p_WP, percept.p_WO, percept.R_WO.ravel(), self._limits)
         faults = [Fault.NONE, Fault.NONE]
-        if _is_new(stamps[0], known[0]):
+        now_s = context.get_time()
+        if _is_new(stamps[0], known[0], now_s):
             faults[0] = self._judge_place(percept, bool(np.isfinite(found[Fault.POSE_INVALID])), memory[_PLACE])
             known[0] = known[0] if faults[0] else stamps[0]
         if faults[0] and not np.isnan(good.p_WP[0]):
             self._stay(percept, good)
         R_WP = attitude(float(percept.yaw[0]), percept.gravity_P)
-        new = _is_new(stamps[1], known[1]) and not faults[0]
+        new = _is_new(stamps[1], known[1], now_s) and not faults[0]
         if new:
             invalid = bool(np.isfinite(found[Fault.BOX_INVALID])) or not np.isfinite(percept.p_WOK).all()
             faults[1] = self._judge_box(percept, R_WP, invalid, memory[_BOX])
@@ -118,5 +121,6 @@ class PerceptGuard(LeafSystem):
         percept.p_WOK[:] = percept.p_WO + (self._p_OK if self._aligned else self._p_OK @ percept.R_WO.T)
 
 
-def _is_new(stamp: float, known: float) -> bool:
-    return bool(np.isfinite(stamp) and not stamp <= known)
+def _is_new(stamp: float, known: float, now_s: float) -> bool:
+    """Whether a pose was made since the known one; not in the future, which would make all that follow old."""
+    return bool(np.isfinite(stamp) and stamp <= now_s + _AHEAD_S and not stamp <= known)

@@ -43,7 +43,9 @@ FAULTS = len(Fault)
 LEGS_AND_WAIST = np.array([not any(arm in joint for arm in ("shoulder", "elbow")) for joint in g1.ACTION_JOINTS])
 _GYRO = ROOT_RATE.start
 _OBSERVATION_INVALID, _GUIDANCE_INVALID = int(Fault.OBSERVATION_INVALID), int(Fault.GUIDANCE_INVALID)
-_AHEAD_S = AHEAD_S
+_AHEAD_S, _OWN = AHEAD_S, Percept.PARTS["w_WP_P"].start
+_POSSIBLE_GUIDANCE = 1e4
+"""No field is as strong [m/s], nothing as far away [m] (ours)."""
 _REPEAT, _MOVING_RAD_S = int(Answer.REPEAT), judge.MOVING_RAD_S
 _P_WP, _P_WO, _R_WO = (Percept.PARTS[name].start for name in ("p_WP", "p_WO", "R_WO"))
 COUNTS, DECISION, SPARED, MEMORY = range(4)
@@ -154,6 +156,15 @@ def _finite(vector):
 
 
 @compiled
+def _within(vector, most):
+    for value in vector:
+        # NaN fails every comparison
+        if not abs(value) <= most:
+            return False
+    return True
+
+
+@compiled
 def _passes(command, lower, upper):
     for i in range(len(command)):
         # NaN fails every comparison
@@ -192,9 +203,9 @@ def _check(
     if len(percept):
         p_WP, p_WO = percept[_P_WP : _P_WP + 3], percept[_P_WO : _P_WO + 3]
         _find_pose(begun, now, p_WP, p_WO, percept[_R_WO : _R_WO + 9], measurement)
-        if not _finite(percept):
+        if not (_finite(percept) and _within(percept[_OWN : _OWN + 43], measurement[4])):
             begun[_OBSERVATION_INVALID] = now
-    if not _finite(guidance):
+    if not _within(guidance, _POSSIBLE_GUIDANCE):
         begun[_GUIDANCE_INVALID] = now
     last = memory[_LAST : _LAST + 20]
     _find_command(begun, now, command, last, c_lower, c_upper, command_limits, targets)

@@ -179,6 +179,15 @@ def test_a_guard_before_the_fields_changes_nothing_while_nothing_is_wrong():
     assert not one.counts and not other.counts
 
 
+def test_poses_from_the_future_are_not_taken():
+    """Nor do they make all that come later old: the box is seen again when its clock is right."""
+    ahead = InjectedFault(signal="stamps", kind="add", value=5.0, from_s=0.3, until_s=0.6)
+    seen = watch(make_station(StationConfig(scene="open_floor"), faults=[ahead]), 1.0, 0.3)
+    quiet_before(seen)
+    assert set(seen.counts) == {Fault.BOX_LATE, Fault.POSE_LATE} or set(seen.counts) == {Fault.BOX_LATE}
+    assert 8 <= seen.counts[Fault.BOX_LATE] <= 12 and seen.fault[-1] is Fault.NONE
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("lost_s", [0.3, 1.0, 3.0])
 def test_a_box_that_is_lost_for_a_while(lost_s):

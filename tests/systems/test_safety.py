@@ -227,6 +227,18 @@ def test_a_frozen_tick_a_late_one_and_none(posture, robot_state):
     assert [a for a, _ in answers] == [Answer.PASS] * 3 + [Answer.DAMP] * 2 and counts == {Fault.STATE_MISSING: 5}
 
 
+def test_stamps_from_the_future(posture, robot_state):
+    """A clock that is wrong would hide all that comes late afterwards."""
+    w = Watched(posture, robot_state)
+    w.step()
+    answers = [w.step(tick=[0.02 * w.k + 10.0])[1] for _ in range(5)]
+    assert answers == [Answer.PASS] * 3 + [Answer.DAMP] * 2 and w.counts == {Fault.STATE_MISSING: 5}
+    w = Watched(posture, robot_state)
+    for _ in range(3):
+        w.step(status=[0.02 * w.k + 1.0, 0.0], sources=[0.02 * w.k + 1.0, 0.02 * w.k + 0.5, 0.0, 0.0])
+    assert w.counts == {Fault.COMMAND_LATE: 3, Fault.POSE_LATE: 3, Fault.BOX_LATE: 3}
+
+
 def test_numbers_that_stand_still(watched, robot_state):
     answers = [watched.step(robot_state=robot_state)[1] for _ in range(5)]
     assert answers == [Answer.PASS] * 3 + [Answer.DAMP] * 2
@@ -247,6 +259,13 @@ def test_what_is_sensed_of_the_way(posture, robot_state):
     assert w.step()[1:3] == (Answer.PASS, Fault.NONE)
     under = changed(percept.vector, slice(2, 3), -0.1)
     assert w.step(watched_percept=under)[1:3] == (Answer.PASS, Fault.POSE_INVALID)
+    for bad in (np.inf, 1.1e4, -1e300):
+        answer, fault = w.step(watched_guidance=changed(guidance, 5, bad))[1:3]
+        assert (answer, fault) == (Answer.STOP_WALKING, Fault.GUIDANCE_INVALID)
+    for part in ("w_WP_P", "q", "qd"):
+        where = Percept.PARTS[part].start + 1
+        assert w.step(watched_percept=changed(percept.vector, where, 1e6))[2] is Fault.OBSERVATION_INVALID
+        assert w.step()[2] is Fault.NONE
     low = changed(percept.vector, slice(2, 3), 0.3)
     assert w.step(watched_percept=low)[1:3] == (Answer.DAMP, Fault.PELVIS_LOW)
 
