@@ -18,13 +18,14 @@ from hotice.control import Command, Controller, Measurement
 from hotice.errors import InvalidStation
 from hotice.model import g1
 from hotice.model.frames import rotation_z
-from hotice.safety import Answer, Fault
+from hotice.safety import Answer, Fault, MeasurementLimits
 from hotice.systems.failing import CONTROLLER_ERRORS, message_of
 from hotice.systems.signals import (
     ANSWER,
     CONTACT_FORCE,
     JOINT_POS,
     JOINT_VEL,
+    NQ,
     OBJECT_POS,
     OBJECT_QUAT,
     OBJECT_RATE,
@@ -36,6 +37,8 @@ from hotice.systems.signals import (
 
 Array = NDArray[np.float64]
 UNKNOWN_PHASE = -1.0
+POSSIBLE = MeasurementLimits.possible_speed_rad_s
+"""Largest velocity of anything that a controller reads [m/s, rad/s]; beyond it the measurement is wrong."""
 TORQUE, PHASE, FAULTS, STATE = range(4)
 
 
@@ -103,8 +106,9 @@ class ControllerSystem(LeafSystem):
     Outputs `torque` (20,) [N m], held between steps; `phase` (1,): index into `phases`, -1 for another; `faults` (1,):
     steps that were answered with a fallback; `status` (2,): see `signals`.
 
-    A step that was answered with a fallback, and an exception among `CONTROLLER_ERRORS`, are a fault in `status`; after
-    an exception torque and memory stay as they were, and the next step tries again. `message` says what happened last.
+    A velocity that cannot be, a step that was answered with a fallback, and an exception among `CONTROLLER_ERRORS` are
+    a fault in `status`; but for the fallback, torque and memory stay as they were, and the next step tries again.
+    `message` says what happened last.
 
     Args:
         controller: started at the first step.
@@ -146,11 +150,17 @@ class ControllerSystem(LeafSystem):
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:
             return
+        status = state.get_mutable_discrete_state(STATE)
+        fastest = np.abs(self._state.Eval(context)[NQ:]).max()
+        if fastest > POSSIBLE:
+            text = f"a velocity of {fastest:g} m/s or rad/s is impossible: no step was made"
+            state.get_mutable_abstract_state(1).set_value(text)
+            status.SetFromVector([context.get_time(), float(Fault.STATE_IMPOSSIBLE)])
+            return
         stand = self._answer.HasValue(context) and int(self._answer.Eval(context)[0]) == Answer.STOP_WALKING
         measurement = measurement_of(
             context.get_time(), self._state.Eval(context), self._force.Eval(context), self.origin, stand
         )
-        status = state.get_mutable_discrete_state(STATE)
         try:
             memory = self.memory(context)
             if memory is None:

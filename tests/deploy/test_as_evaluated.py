@@ -15,7 +15,8 @@ from hotice.deploy.runner import RobotRunner
 from hotice.deploy.simulated import SimulatedRobot, SimulatedRobotConfig
 from hotice.deploy.slot.records import STATUS
 from hotice.deploy.sources import MemorySource, PoseSample, TagSample
-from hotice.evaluate.conditions import CPU, Conditions
+from hotice.evaluate.conditions import Conditions
+from hotice.evaluate.start import CPU
 from hotice.fields import build_hod_pf
 from hotice.fields.bank import FieldBank
 from hotice.learn.policy import load_policy

@@ -10,6 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from hotice.errors import InvalidStation
 from hotice.model import g1
+from hotice.model.dynamics import ROBOT_DYNAMICS
 from hotice.safety import Answer, Fault
 from hotice.systems import InjectedFault, StationConfig, lost_box, make_station
 from hotice.systems.faulty import BOX, FaultySignal
@@ -135,6 +136,7 @@ STOPPED = {
     "lost box": (lost_box(AT_S), Fault.BOX_LATE, 0.5),
     "NaN pelvis pose": (one("percept", (0, 1, 2)), Fault.POSE_INVALID, 0.3),
     "pelvis under the floor": (one("percept", (2,), value=-0.3), Fault.POSE_INVALID, 0.3),
+    "pelvis under the floor, by its own state": (one("robot_state", (2,), value=-0.3), Fault.POSE_INVALID, 0.3),
     "NaN guidance": (one("guidance"), Fault.GUIDANCE_INVALID, 0.0),
 }
 
@@ -152,6 +154,29 @@ def test_what_is_not_known_of_the_way_makes_it_stand_upright(name):
     assert seen.up.min() > 0.9 and seen.state[:, 2].min() > 0.65
     place = seen.state[seen.time_s > stop_s][0, :2]
     assert np.linalg.norm(seen.state[seen.time_s > stop_s][:, :2] - place, axis=1).max() < 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("servo", ["motor", "pd"])
+@pytest.mark.parametrize("plant", ["mujoco", "drake"])
+@pytest.mark.parametrize("name", ["NaN joint", "speed of 1e6", "NaN command", "targets of 1e9 rad", "frozen"])
+def test_in_either_plant_with_either_servo_joints_slow_down(name, plant, servo):
+    """Of Drake's servo the commands are torques, of up to 1e9 N m."""
+    faults, fault = DAMPED[name]
+    config = StationConfig(scene="open_floor", servo=servo)
+    seen = watch(make_station(config, plant=plant, faults=faults), AT_S + 0.4)
+    quiet_before(seen)
+    assert seen.counts[fault] >= 15
+    damped_in_time(seen)
+
+
+def test_a_guard_before_the_fields_changes_nothing_while_nothing_is_wrong():
+    """So a station without injected faults, whose percepts are never lost, has none."""
+    config = StationConfig(scene="open_floor", dynamics=ROBOT_DYNAMICS, seed=4)
+    never = InjectedFault(signal="tick", from_s=100.0)
+    one, other = (watch(make_station(config, faults=faults), 1.5) for faults in ((), (never,)))
+    np.testing.assert_array_equal(one.state, other.state)
+    assert not one.counts and not other.counts
 
 
 @pytest.mark.slow

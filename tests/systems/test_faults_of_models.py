@@ -10,9 +10,11 @@ from hotice.safety import Answer, Fault
 from hotice.systems import InjectedFault, StationConfig, lost_box
 from hotice.systems.faulty import BOX
 from hotice.systems.setup.setup import StationSetup
+from hotice.systems.signals import OBJECT_VEL, ROOT_VEL
 from hotice.systems.station.make import Station
 from tests.systems.test_faults import AT_S, DAMPED, ONE, one, quiet_before, state, watch
 
+ROOT_SPEED, BOX_SPEED = (ROOT_VEL.start,), (OBJECT_VEL.start,)
 KINDS = ("hold", "walk", "pickup")
 BLIND = {
     "NaN joint": (one("robot_state", ONE), Fault.STATE_NOT_FINITE),
@@ -59,6 +61,14 @@ def test_who_does_not_know_its_own_state_is_damped_within_100_ms(name, kind):
     seen = seen_under(kind, faults, 0.4)
     assert seen.counts[fault] >= 15 and 0.0 <= seen.damped_s() <= 0.1
     assert all(a is Answer.DAMP for t, a in zip(seen.time_s, seen.answer, strict=True) if t >= seen.damped_s())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["walk", "pickup"])
+@pytest.mark.parametrize("index", [ROOT_SPEED, BOX_SPEED])
+def test_a_velocity_of_1e6_that_only_controllers_read(index, kind):
+    seen = seen_under(kind, one("robot_state", index, value=1e6), 0.3)
+    assert seen.counts[Fault.STATE_IMPOSSIBLE] >= 10 and 0.0 <= seen.damped_s() <= 0.1
 
 
 @pytest.mark.slow
