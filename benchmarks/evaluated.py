@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 import torch
 
-from hotice.evaluate.conditions import start_trials
 from hotice.evaluate.config import EvaluateConfig
 from hotice.evaluate.scorer import Scorer, let_rest
 from hotice.evaluate.seeds import TrialSeeds
+from hotice.evaluate.start import start_trials
 from hotice.evaluate.trial_log import TrialLog
 from hotice.learn.policy import load_policy
 from hotice.model.carry import CarryState

@@ -6,7 +6,10 @@ Guard, runner and robot are toys of the right shape: the robot's joints move by 
 50 times a second. Without `--dds` the robot lives in the guard's process, over the link in memory; with it in a third
 process over loopback. Causes: the runner is killed, stopped, or gives targets that are not numbers; the robot falls
 silent, or its tick stands still. Delays are from the cause, on the machine's one monotonic clock, to the guard's tick
-that damps.
+that damps. State to command: from the read that finds a new state until its command has gone, and from the state's
+arrival, which over DDS is an upper bound (the read before). The last table has all figures beside their aims:
+
+    python -m benchmarks.guard --dds 79 --stops 100 --seconds 600
 """
 
 from __future__ import annotations
@@ -14,20 +17,25 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import os
 import select
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from array import array
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.table import Table
 
 from benchmarks.arguments import a_count, from_zero
+from hotice.console import PlainConsole
 from hotice.deploy.clock import MonotonicClock
+from hotice.deploy.command import CheckedCommand
 from hotice.deploy.guard.config import GuardConfig
 from hotice.deploy.guard.loop import EDGES_MS, Lateness, run_loop
 from hotice.deploy.guard.modes import Mode, Request
@@ -83,6 +91,40 @@ class TickedLink:
         return self._link.state()
 
 
+class TimedLink:
+    """A link that remembers how long after a new state its command went; see `Link`."""
+
+    def __init__(self, link: Link, clock: MonotonicClock) -> None:
+        self._link, self._clock = link, clock
+        self.counts, self.close = link.counts, link.close
+        self._sequence, self._read_s, self._came_s = 0, None, 0.0
+        self.from_read_s: array[float] = array("d")
+        self.from_arrival_s: array[float] = array("d")
+
+    def state(self) -> ReceivedState | None:
+        began_s = self._clock.now()
+        received = self._link.state()
+        if received is not None and received.sequence != self._sequence:
+            self._sequence, self._read_s, self._came_s = received.sequence, began_s, received.received_s
+        return received
+
+    def publish(self, command: CheckedCommand) -> None:
+        self._link.publish(command)
+        if self._read_s is not None:
+            now_s = self._clock.now()
+            self.from_read_s.append(now_s - self._read_s)
+            self.from_arrival_s.append(now_s - self._came_s)
+            self._read_s = None
+
+
+def spread_ms(times_s: Sequence[float]) -> dict[str, float]:
+    """Median, 99 in 100, and longest of times [s], in ms."""
+    if not len(times_s):
+        return dict.fromkeys(("p50", "p99", "worst"), math.nan)
+    middle, most, worst = 1e3 * np.percentile(np.asarray(times_s), [50.0, 99.0, 100.0])
+    return {"p50": float(middle), "p99": float(most), "worst": float(worst)}
+
+
 def orders() -> str:
     """A line that was written to this process, without waiting; "" if there is none."""
     return sys.stdin.readline().strip() if select.select([sys.stdin], [], [], 0.0)[0] else ""
@@ -119,10 +161,10 @@ def play_guard(slot_name: str, domain: int | None) -> None:
                 obey(robot, orders())
             return (Request.START, Request.POSTURE, Request.CARRY)
 
-        seen = Lateness()
+        seen, timed = Lateness(), TimedLink(link, clock)
         began = time.process_time(), time.monotonic()
         run_guard(
-            link,
+            timed,
             slot,
             clock,
             GuardConfig(posture_s=1.0, battery_needed=False),
@@ -140,6 +182,8 @@ def play_guard(slot_name: str, domain: int | None) -> None:
             worst_late_s=seen.worst_late_s,
             worst_took_s=seen.worst_took_s,
             cpu=cpu,
+            state_to_command_ms=spread_ms(timed.from_read_s),
+            arrival_to_command_ms=spread_ms(timed.from_arrival_s),
         )
         link.close()
         slot.close()
@@ -314,14 +358,41 @@ def main() -> int:
         time.sleep(args.seconds)
         runner.end(signal.SIGKILL)
         figures["run"] = seen = players.end()
+    figures["load at the end"] = os.getloadavg()
     print(f"{seen['ticks']} ticks, {seen['skipped']} left out, CPU {seen['cpu']:.1%} of a core")
     for edge, late, took in zip((*EDGES_MS, np.inf), seen["late"], seen["took"], strict=True):
         print(f"  up to {edge:g} ms: {late} late, {took} took so long")
     late, took = 1e3 * seen["worst_late_s"], 1e3 * seen["worst_took_s"]
     print(f"  worst: {late:.2f} ms late, took {took:.2f} ms; load of the machine {os.getloadavg()[0]:.1f}")
+    table = Table("figure", "aim", "measured", title="guard")
+    for row in rows_of(figures):
+        table.add_row(*row)
+    PlainConsole().print(table)
     if args.json is not None:
         write_text(args.json, json.dumps(figures, indent=1))
     return 0
+
+
+def rows_of(figures: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Figure, aim and measurement of each line of the table."""
+    seen = figures["run"]
+    rate, lost = seen["ticks"] / seen["seconds"], seen["skipped"]
+    yield (
+        "length of the run, load before and after",
+        "600 s, idle",
+        (f"{seen['seconds']:.0f} s, {figures['load'][0]:.1f} and {figures['load at the end'][0]:.1f}"),
+    )
+    yield "commands a second", "500 ± 0.1 %", f"{rate:.2f} ({100.0 * (rate / 500.0 - 1.0):+.3f} %), {lost} left out"
+    yield "longest time between two commands", "10 ms", f"{1e3 * (seen['worst_late_s'] + DT_S):.2f} ms at most"
+    for name, aim in (("state_to_command_ms", "p50 0.3, p99 1 ms"), ("arrival_to_command_ms", "–")):
+        ms = seen[name]
+        said = f"p50 {ms['p50']:.3f}, p99 {ms['p99']:.3f}, worst {ms['worst']:.2f} ms"
+        yield name.removesuffix("_ms").replace("_", " "), aim, said
+    yield "CPU", "10 % of a core", f"{seen['cpu']:.1%}"
+    for cause, delays in figures["stops"].items():
+        if delays:
+            within = f"{sum(delay <= 0.1 for delay in delays)} of {len(delays)}"
+            yield f"{cause}: damping within 100 ms", "all", f"{within}, longest {1e3 * max(delays):.1f} ms"
 
 
 if __name__ == "__main__":

@@ -92,6 +92,8 @@ def _run(argv: list[str]) -> int:
         return replay.main(argv[2:])
     if argv[:1] == ["scene"]:
         program, groups, argv, about = "hotice scene", catalog.SCENES, argv[1:], "Scenes: the rooms to carry through."
+    elif argv[:1] == ["pickup"]:
+        program, groups, argv, about = "hotice pickup", catalog.PICKUPS, argv[1:], catalog.ABOUT_PICKUPS
     else:
         program, groups, about = "hotice", catalog.COMMANDS, catalog.ABOUT
     if argv[:1] in ([], ["-h"], ["--help"]):
@@ -112,13 +114,17 @@ def _run(argv: list[str]) -> int:
 
 
 def _call(program: str, entry: Entry, argv: list[str]) -> int:
-    from hotice.commands.line.options import OPTIONS, SCENE_OPTIONS
+    from hotice.commands.line.options import OPTIONS, PICKUP_OPTIONS, SCENE_OPTIONS
     from hotice.commands.line.parse import parse
 
     if program == "hotice":
         from hotice.commands.table import COMMANDS as functions
 
         options = OPTIONS.get(entry.name)
+    elif program == "hotice pickup":
+        from hotice.commands.picks.group import COMMANDS as functions
+
+        options = PICKUP_OPTIONS.get(entry.name)
     else:
         from hotice.commands.scene import COMMANDS as functions
 

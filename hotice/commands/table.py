@@ -179,6 +179,11 @@ def scene() -> int:
     raise AssertionError("hotice.commands.program hands this group to hotice.commands.scene")
 
 
+def pickup() -> int:
+    """Plan, learn and score pick-ups: see `hotice pickup --help`."""
+    raise AssertionError("hotice.commands.program hands this group to hotice.commands.picks")
+
+
 def _check_names(scenes: Sequence[str], policy: str | None = None) -> None:
     """Raises `UnknownName` at once, before what takes seconds to import; whoever reads the files checks them anew."""
     from hotice.model.shipped import check_names
@@ -235,4 +240,5 @@ COMMANDS = {
     "robot-check": robot_check,
     "deploy": deploy,
     "scene": scene,
+    "pickup": pickup,
 }

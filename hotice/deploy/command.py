@@ -50,6 +50,7 @@ def _limits() -> Limits:
 
 
 LIMITS = _limits()
+_SHAPE = (len(g1.ALL_JOINTS),)
 _NONE = np.zeros_like(LIMITS.kp)
 _SPEED = np.full_like(LIMITS.kp, LARGEST_SPEED)
 _LOWEST = np.stack([LIMITS.lower, -_SPEED, -LIMITS.torque, _NONE, _NONE, -LIMITS.torque])
@@ -75,11 +76,15 @@ class CheckedCommand:
     """Mask of the motors that are on, (29,) bool."""
 
     def __post_init__(self) -> None:
-        for name in FIELDS:
-            object.__setattr__(self, name, _frozen(name, getattr(self, name), np.float32))
-        object.__setattr__(self, "enabled", _frozen("enabled", self.enabled, np.bool_))
+        rows = np.empty(_LOWEST.shape, np.float32)
         with np.errstate(invalid="ignore", over="ignore"):
-            rows = np.stack([self.q, self.dq, self.tau, self.kp, self.kd, self.tau + self.kd * self.dq])
+            for row, name in zip(rows, FIELDS, strict=False):
+                row[:] = _numbers(name, getattr(self, name))
+            rows[5] = rows[2] + rows[4] * rows[1]
+        # views of bytes: no flag makes them writable again
+        for row, name in zip(np.frombuffer(rows.tobytes(), np.float32).reshape(rows.shape), FIELDS, strict=False):
+            object.__setattr__(self, name, row)
+        object.__setattr__(self, "enabled", _mask(self.enabled))
         # one comparison for a good command, which there are 500 of a second; what is not is looked at one by one
         if not ((rows >= _LOWEST) & (rows <= _HIGHEST)).all():
             self._refuse()
@@ -124,19 +129,26 @@ class CheckedCommand:
         return seal(LOW_CMD, self.record(mode_machine))
 
 
-def _frozen(name: str, values: ArrayLike, dtype: type) -> np.ndarray:
-    # a view of bytes: no flag makes it writable again
-    array = np.asarray(values)
-    if array.shape != (len(g1.ALL_JOINTS),):
-        raise UnsafeCommand(
-            f"{name} of a command has shape {array.shape}: ({len(g1.ALL_JOINTS)},) is needed, one a joint"
-        )
-    if dtype is np.bool_ and array.dtype != np.bool_:
-        raise UnsafeCommand(f"{name} of a command is of {array.dtype}: bool is needed")
-    if dtype is not np.bool_ and array.dtype.kind not in "fiu":
+def _numbers(name: str, values: ArrayLike) -> np.ndarray:
+    array = _row(name, values)
+    if array.dtype.kind not in "fiu":
         raise UnsafeCommand(f"{name} of a command is of {array.dtype}: real numbers are needed")
-    with np.errstate(over="ignore"):
-        return np.frombuffer(array.astype(dtype).tobytes(), dtype)
+    return array
+
+
+def _mask(values: ArrayLike) -> np.ndarray:
+    array = _row("enabled", values)
+    if array.dtype != np.bool_:
+        raise UnsafeCommand(f"enabled of a command is of {array.dtype}: bool is needed")
+    # what cannot be changed by anybody, a view of bytes, is taken as it is
+    return array if type(array.base) is bytes else np.frombuffer(array.tobytes(), np.bool_)
+
+
+def _row(name: str, values: ArrayLike) -> np.ndarray:
+    array = np.asarray(values)
+    if array.shape != _SHAPE:
+        raise UnsafeCommand(f"{name} of a command has shape {array.shape}: ({_SHAPE[0]},) is needed, one a joint")
+    return array
 
 
 def _within(name: str, values: np.ndarray, low: ArrayLike, high: ArrayLike) -> None:

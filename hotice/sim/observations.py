@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -59,7 +60,7 @@ class Observation:
     """A row: function (N, D) of a snapshot, its reflection, and what it is."""
 
     name: str
-    value: Callable[[Snapshot], Tensor]
+    value: Callable[[Any], Tensor]
     mirror: Mirror
     note: str
 
@@ -178,7 +179,7 @@ class ObservationTable:
         self.mirror_index = torch.tensor(index)
         self.mirror_sign = torch.tensor(sign, dtype=torch.float32)
 
-    def __call__(self, s: Snapshot) -> Tensor:
+    def __call__(self, s: Any) -> Tensor:
         return torch.cat([row.value(s) for row in self.rows], dim=1)
 
     def columns(self, names: Sequence[str]) -> Tensor:

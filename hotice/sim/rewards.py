@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from hotice.errors import InvalidConfig
 from hotice.sim import terms
-from hotice.sim.snapshot import Snapshot
 from hotice.task.presets import LOW, UP, Agent
 
 L, U, S = (LOW,), (UP,), (LOW, UP)
@@ -22,12 +22,15 @@ L, U, S = (LOW,), (UP,), (LOW, UP)
 
 @dataclass(frozen=True)
 class Reward:
-    """A term with weight [1/s]; `agents`: the reward streams it enters; `source`: where the idea is from."""
+    """A term with weight [1/s]; `agents`: the reward streams it enters; `source`: where the idea is from.
+
+    term: function of the task's snapshot, (N,).
+    """
 
     name: str
     agents: tuple[str, ...]
     weight: float
-    term: Callable[[Snapshot], Tensor]
+    term: Callable[[Any], Tensor]
     source: str
 
 
@@ -90,12 +93,12 @@ class RewardTable:
         weight = [[r.weight * dt_s * bool(set(r.agents) & set(a.receives)) for a in agents] for r in rows]
         self.weight = torch.tensor(weight)  # (R, A)
 
-    def __call__(self, s: Snapshot) -> tuple[Tensor, Tensor]:
+    def __call__(self, s: Any) -> tuple[Tensor, Tensor]:
         """Streams (N, A), each the weighted sum of its agent's rows, and the raw terms (N, R)."""
         values = torch.stack([row.term(s) for row in self.rows], dim=1)
         return values @ self.weight.to(values.device), values
 
-    def check(self, s: Snapshot) -> None:
+    def check(self, s: Any) -> None:
         """Raises `InvalidConfig` unless every term is (N,) and finite on this snapshot."""
         for row in self.rows:
             value = row.term(s)

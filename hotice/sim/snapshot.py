@@ -130,6 +130,13 @@ class Motion:
     p_WOK: Tensor
     v_WOK: Tensor
 
+    def to_yaw_frame(self, v_W: Tensor) -> Tensor:
+        """Turns vectors (N, ..., 3) from W into Y."""
+        shape = (-1,) + (1,) * (v_W.ndim - 2)
+        cos, sin = torch.cos(self.yaw).view(shape), torch.sin(self.yaw).view(shape)
+        x, y, z = v_W.unbind(-1)
+        return torch.stack([cos * x + sin * y, cos * y - sin * x, z], dim=-1)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot(Motion):
@@ -168,13 +175,6 @@ class Snapshot(Motion):
     phase: Tensor
     time_left: Tensor
     grasp: Grasp
-
-    def to_yaw_frame(self, v_W: Tensor) -> Tensor:
-        """Turns vectors (N, ..., 3) from W into Y."""
-        shape = (-1,) + (1,) * (v_W.ndim - 2)
-        cos, sin = torch.cos(self.yaw).view(shape), torch.sin(self.yaw).view(shape)
-        x, y, z = v_W.unbind(-1)
-        return torch.stack([cos * x + sin * y, cos * y - sin * x, z], dim=-1)
 
 
 def read_motion(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from torch import Tensor
 
@@ -19,7 +20,7 @@ class Termination:
     """A condition; `collision`: only where `TaskConfig.collisions` is on."""
 
     name: str
-    condition: Callable[[Snapshot], Tensor]
+    condition: Callable[[Any], Tensor]
     collision: bool = False
 
 

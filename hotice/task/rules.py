@@ -28,6 +28,13 @@ APART_M = 0.15
 """An object so far from the middle between the hands is dropped (ours)."""
 LOW_M = 0.25
 """So is one whose centre is lower than this (ours)."""
+IN_CARRY_M, IN_CARRY_RAD = 0.08, 0.4363
+"""A pick-up: the object is this near to its place in the carry state, seen from the feet, and turned by at most 25
+degrees from upright and straight; round objects may be turned (ours, as the model-based pick-up is scored)."""
+LIFTED_M = 0.02
+"""And its lowest point is this far above the support, or beside it (ours)."""
+HELD_S = 5.0
+"""And all this for so long without a break (ours)."""
 FASTEST = 1e3
 """Of any velocity, and of the root's coordinates: what is beyond has diverged [m/s, rad/s, m]."""
 
@@ -54,6 +61,19 @@ def dropped(apart_m: Any, height_m: Any) -> Any:
 def arrived(goal_m: Any, radius_m: float = GOAL_M) -> Any:
     """Whether the root, `goal_m` from the goal horizontally [m], is there."""
     return goal_m < radius_m
+
+
+def in_carry(away_m: Any, turned_rad: Any, above_m: Any) -> Any:
+    """Whether the object is held in the carry state.
+
+    `away_m` from its place there [m], turned by `turned_rad`, its lowest point `above_m` over the support [m].
+    """
+    return (away_m <= IN_CARRY_M) & (turned_rad <= IN_CARRY_RAD) & (above_m >= LIFTED_M)
+
+
+def picked(held_s: Any) -> Any:
+    """Whether a pick-up is done, the object having been `in_carry` for `held_s` without a break [s]."""
+    return held_s >= HELD_S - 1e-6
 
 
 def diverged(qpos: Any, qvel: Any) -> Any:

@@ -95,7 +95,14 @@ def test_every_command_ends_so(monkeypatch, capsys, run):
     from hotice.commands import scene
 
     names = {*commands.COMMANDS, *(f"scene {name}" for name in scene.COMMANDS)}
-    names -= {"scene", "robot-sim", "tag-camera", "deploy", "robot-check"}  # a group; and what Ctrl-C is the way to end
+    names -= {
+        "scene",
+        "pickup",
+        "robot-sim",
+        "tag-camera",
+        "deploy",
+        "robot-check",
+    }  # groups; and what Ctrl-C is the way to end
     assert set(asked) == names
     for name, options in asked.items():
         assert main([*name.split(), *map(str, options)]) == INTERRUPTED, name

@@ -7,6 +7,7 @@ import pytest
 
 from hotice.commands import scene, table
 from hotice.commands.line import catalog
+from hotice.commands.picks import group
 from hotice.commands.program import main
 
 WORK = ("torch", "mujoco", "numba", "scipy", "onnxruntime", "onnx", "pydrake", "pinocchio", "cyclonedds", "matplotlib")
@@ -55,7 +56,7 @@ def test_refusals_import_nothing_to_work_with(argv):
 
 @pytest.mark.parametrize("name", [*catalog.names(catalog.COMMANDS), *(f"scene {n}" for n in scene.COMMANDS)])
 def test_help_of_a_command_imports_nothing_to_work_with_and_ends_with_examples(name, capsys):
-    if name == "scene":
+    if name in ("scene", "pickup"):
         return
     with pytest.raises(SystemExit):
         main([*name.split(), "--help"])
@@ -64,7 +65,8 @@ def test_help_of_a_command_imports_nothing_to_work_with_and_ends_with_examples(n
 
 
 def test_the_catalogue_is_that_of_the_functions():
-    for groups, functions in ((catalog.COMMANDS, table.COMMANDS), (catalog.SCENES, scene.COMMANDS)):
+    known = ((catalog.COMMANDS, table.COMMANDS), (catalog.SCENES, scene.COMMANDS), (catalog.PICKUPS, group.COMMANDS))
+    for groups, functions in known:
         assert {e.name: e.says for entries in groups.values() for e in entries} == {
             name: function.__doc__.splitlines()[0] for name, function in functions.items()
         }

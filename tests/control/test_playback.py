@@ -100,7 +100,7 @@ def _table(book):
 
 @pytest.mark.parametrize("noise", [0.0, 0.03])
 def test_played_back_the_object_ends_in_the_carry_state_and_stays(book, noise):
-    """In fine physics, without a force being read; also where encoders are ± 0.03 rad wrong at every step."""
+    """In fine physics, without a force being read; also where readings are wrong at every step."""
     model = builder.build_model(PICK.carried, _table(book), wrist_pos=book.wrist[0], timestep_s=0.002, elliptic=True)
     model.geom_friction[[model.geom(f"{s}_palm_{i}").id for s in g1.SIDES for i in range(4)], 0] = 0.9
     data, player, rng = mujoco.MjData(model), Player(book), np.random.default_rng(0)
@@ -109,7 +109,9 @@ def test_played_back_the_object_ends_in_the_carry_state_and_stays(book, noise):
     memory, hits = player.start(), model.sensor("robot_hits").adr[0]
     for _ in range(book.steps + 100):
         gravity = -data.xmat[model.body("pelvis").id].reshape(3, 3)[2]
-        target, memory = player.step(memory, data.qpos[g1.JOINT_POS] + rng.uniform(-noise, noise, 20), gravity)
+        joints = data.qpos[g1.JOINT_POS] + rng.uniform(-noise, noise, 20)
+        read, gyro = gravity + rng.uniform(-1, 1, 3) * noise, data.qvel[3:6] + rng.uniform(-5, 5, 3) * noise
+        target, memory = player.step(memory, joints, read, gyro)
         data.ctrl[:] = target
         mujoco.mj_step(model, data, 10)
         assert data.sensordata[hits] == 0

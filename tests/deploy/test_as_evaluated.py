@@ -15,7 +15,8 @@ from hotice.deploy.runner import RobotRunner
 from hotice.deploy.simulated import SimulatedRobot, SimulatedRobotConfig
 from hotice.deploy.slot.records import STATUS
 from hotice.deploy.sources import MemorySource, PoseSample, TagSample
-from hotice.evaluate.conditions import CPU, Conditions
+from hotice.evaluate.conditions import Conditions
+from hotice.evaluate.start import CPU
 from hotice.fields import build_hod_pf
 from hotice.fields.bank import FieldBank
 from hotice.learn.policy import load_policy
@@ -70,10 +71,14 @@ class Deployed:
         world, number = self.robot.world, int(self._status["sequence"]) + 1
         world.place(state)
         ids, corners = self.robot.sight.look()
-        self.tags.send(TagSample(number=number, measured_s=0.0, ids=np.array(ids), corners_px=corners).encode())
+        self.tags.send(
+            TagSample(number=number, measured_s=self.clock.now(), ids=np.array(ids), corners_px=corners).encode()
+        )
         if localized:
             lidar = Pose.of(state.p_WP, state.quat_WP) @ lidar_in_pelvis(np.zeros(3))
-            self.poses.send(PoseSample(number=number, measured_s=0.0, p_ML=lidar.p, quat_ML=lidar.quat).encode())
+            self.poses.send(
+                PoseSample(number=number, measured_s=self.clock.now(), p_ML=lidar.p, quat_ML=lidar.quat).encode()
+            )
         self._status["sequence"] = number
         self._status["state"] = self.robot.states.write(np.zeros(40, np.uint8), np.ones(29, bool))
         self.runner.tick()

@@ -13,7 +13,7 @@ from hotice.commands.deploy.check_config import RobotCheckConfig
 from hotice.console import PlainConsole
 from hotice.deploy.checkup import all_rows, joint_rows, watch_robot
 from hotice.deploy.checkup.floor import lowest_sole
-from hotice.deploy.simulated.moving import Move
+from hotice.deploy.simulated.move import Move
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import builder
 from hotice.model.source import MapSource

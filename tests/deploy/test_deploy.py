@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import re
+import shlex
 import signal
 import socket
 import subprocess
@@ -38,7 +39,9 @@ from hotice.model.source import MapSource
 REPOSITORY = Path(__file__).parents[2]
 DOMAINS = itertools.count(21 + 8 * (os.getpid() % 25))
 PORTS = itertools.count(48_000 + 4 * (os.getpid() % 2000), 2)
-LONG_S = 120.0
+LONG_S = 300.0
+SINKS_S = 34.0
+"""The page's last key has the motors brake."""
 STATE_MS = 40.0
 """A simulated robot that was later than this once may have had its guard brake."""
 
@@ -169,19 +172,26 @@ def test_the_table(capsys):
         assert part in shown
 
 
+def page_commands(heading):
+    """Commands of hotice under a heading of docs/deploy.md, each as its arguments."""
+    page = (REPOSITORY / "docs" / "deploy.md").read_text()
+    section = page.split(f"## {heading}\n")[1].split("\n## ")[0]
+    return [shlex.split(line)[1:] for line in section.splitlines() if line.startswith("hotice ")]
+
+
 class Program:
     """A command of hotice in a process of its own, its lines as they come."""
 
-    def __init__(self, *arguments):
+    def __init__(self, *arguments, cwd=REPOSITORY):
         self.lines, self._came = [], threading.Condition()
         self.process = subprocess.Popen(
             [sys.executable, "-m", "hotice", *map(str, arguments)],
-            cwd=REPOSITORY,
+            cwd=cwd,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+            env={**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
         )
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
@@ -217,8 +227,8 @@ def programs():
     """Starts programs, and leaves none."""
     found = []
 
-    def start(*arguments):
-        found.append(Program(*arguments))
+    def start(*arguments, **options):
+        found.append(Program(*arguments, **options))
         return found[-1]
 
     yield start
@@ -259,20 +269,31 @@ class Frames:
 
 
 @pytest.mark.slow
-def test_from_the_gantry_to_the_goal_over_loopback(programs, tmp_path):
-    """Guard, runner and robot in three processes: hung up, handed the box, lowered, carries, holds, lowers, brakes."""
+@pytest.mark.parametrize("heading", ["From start to carried box, simulated", "From a map to a carried box, simulated"])
+def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path):
+    """Guard, runner and robot in three processes: hung up, handed the box, lowered, carries, holds, lowers, brakes.
+
+    The commands are the page's; where they are to run beside others, and what is looked at, is added behind.
+    """
     network = shared()
-    deploy = programs("deploy", "--view", "--log", tmp_path / "log", *network)
+    *before, first, second = page_commands(heading)
+    assert (first[0], second[0]) == ("deploy", "robot-sim") and "--press" in second
+    for command in before:
+        made = programs(*command, cwd=tmp_path)
+        assert made.end() == 0, made.text
+    deploy = programs(*first, "--view", "--log", tmp_path / "log", *network, cwd=tmp_path)
     deploy.hear("live page: http")
     frames = Frames(re.search(r"live page: (http://127\.0\.0\.1:\d+/)", deploy.text)[1])
-    press = "start@2s L2+up@4s F1@8.5s F1@12s F2@14s R1+X@17s R1+down@32s select@34s".split()
-    robot = programs("robot-sim", "--start", "held", "--duration-s", 36, *network, "--press", *press)
+    deploy.hear("runner: warm")
+    robot = programs(*second, *network, cwd=tmp_path)
     assert robot.end() == 0
     deploy.interrupt()
     assert deploy.end() == 0, deploy.text
     if float(re.search(r"worst (\d+\.\d+) ms", robot.text)[1]) > STATE_MS:
         assert "state is" in deploy.text
         pytest.skip("this machine was too busy for 500 steps a second: the guard rightly braked, or might have")
+    if re.search(r"damping: targets are \d\.\d+ s old", deploy.text):
+        pytest.skip("this machine was too busy for 50 targets a second: the guard rightly braked")
     modes = [line.split(":")[0] for line in deploy.lines if re.search(r"(asked|stopped) by the operator|reached", line)]
     assert modes == ["damping", "posture", "ready", "carry", "hold", "lower", "damping"], deploy.text
     found = replay_log(tmp_path / "log")
@@ -285,7 +306,9 @@ def test_from_the_gantry_to_the_goal_over_loopback(programs, tmp_path):
     there = record.time_s > [t for t, event in run.events if event.mode == "hold"][0]
     assert np.linalg.norm(record.root_pos_W[there][0, :2] - run.scene.goal) < 0.12
     assert "refused: none" in robot.text and "given to the robot" in robot.text
-    assert "no obstacle" in robot.text
+    # who brakes at the goal sinks down and may fall against what is behind
+    touch = re.search(r"_collision at (\d+\.\d) s", robot.text)
+    assert ("no obstacle" in robot.text) if touch is None else float(touch[1]) > SINKS_S, robot.text
 
 
 @pytest.mark.slow

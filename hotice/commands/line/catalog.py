@@ -85,6 +85,11 @@ COMMANDS: Groups = {
             ("hotice finetune --init runs/student --scenes bench20 --out runs/tuned",),
         ),
         Entry(
+            "pickup",
+            "Plan, learn and score pick-ups: see `hotice pickup --help`.",
+            ("hotice pickup evaluate --policy teacher --picks picks.npz",),
+        ),
+        Entry(
             "merge",
             "Average branches of one run, weight by weight, into one checkpoint.",
             ("hotice merge --parts runs/a runs/b --out runs/ab",),
@@ -164,6 +169,32 @@ SCENES: Groups = {
         ),
     ),
 }
+
+PICKUPS: Groups = {
+    "pick-ups": (
+        Entry(
+            "plan",
+            "Plan random picks and write them as one book: what teachers follow, and what is picked where.",
+            ("hotice pickup plan --count 64 --shapes box --out picks.npz",),
+        ),
+        Entry(
+            "distill",
+            "Make a student of a book of picks (DAgger), under noise and delays.",
+            ("hotice pickup distill --picks picks.npz --out runs/pickup",),
+        ),
+        Entry(
+            "train",
+            "Go on from a student with dual PPO, under noise and delays.",
+            ("hotice pickup train --picks picks.npz --init runs/pickup --out runs/pickup-ppo",),
+        ),
+        Entry(
+            "evaluate",
+            "Score a policy, or the book itself, by the protocol `robot`: lifted, in the carry state, held for 5 s.",
+            ("hotice pickup evaluate --policy runs/pickup --picks unseen.npz --rollouts 100",),
+        ),
+    ),
+}
+ABOUT_PICKUPS = "Pick-ups: plan a book of them, make a student of it, improve the student, score it."
 
 ABOUT = "A Unitree G1 humanoid carries objects through clutter: look, score, learn, and reach a robot."
 NOTES = (

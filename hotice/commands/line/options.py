@@ -15,12 +15,16 @@ if TYPE_CHECKING:
     from hotice.commands.deploy.config import DeployConfig
     from hotice.commands.line.benchmark_config import BenchmarkConfig
     from hotice.commands.line.scene_config import CheckConfig, GenerateConfig, ImportConfig, ScanConfig, ShowConfig
+    from hotice.commands.picks.config import PlanConfig
     from hotice.commands.recipes import ReproduceConfig
     from hotice.commands.robot_sim_config import RobotSimConfig
     from hotice.commands.tags_config import TagCameraConfig, TagsConfig
     from hotice.evaluate.config import EvaluateConfig
+    from hotice.evaluate.pick_config import PickEvaluateConfig
     from hotice.learn.distill.config import DistillConfig, FinetuneConfig
+    from hotice.learn.distill.pick_config import PickDistillConfig
     from hotice.learn.train.config import TrainConfig
+    from hotice.learn.train.pick_config import PickTrainConfig
     from hotice.model.importers.options import Front3dConfig
 else:
     __getattr__, __dir__ = lazy_face(__name__)
@@ -39,7 +43,12 @@ __all__ = [
     "ImportConfig",
     "MergeConfig",
     "OPTIONS",
+    "PICKUP_OPTIONS",
+    "PickDistillConfig",
+    "PickEvaluateConfig",
+    "PickTrainConfig",
     "PipelineConfig",
+    "PlanConfig",
     "PlayConfig",
     "ReproduceConfig",
     "RobotCheckConfig",
@@ -100,6 +109,15 @@ SCENE_OPTIONS = LazyTypes(
     }
 )
 """The same of `hotice scene`."""
+PICKUP_OPTIONS = LazyTypes(
+    {
+        "plan": "PlanConfig",
+        "distill": "PickDistillConfig",
+        "train": "PickTrainConfig",
+        "evaluate": "PickEvaluateConfig",
+    }
+)
+"""The same of `hotice pickup`."""
 
 
 def field_names(config: type) -> set[str]:

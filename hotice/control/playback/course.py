@@ -23,6 +23,8 @@ Share = Callable[[float], float]
 PLAYED = PickupConfig(settle_s=0.4, crouch_s=1.4, reach_s=1.0, close_s=0.7, squeeze_s=0.8, lift_s=1.2, retreat_s=4.4)
 """Durations of what is played back: nobody waits for hands that feel."""
 HEAVIEST_KG = 3.5
+LEAST_GAP_M = 0.03
+"""Between the support and an object over it, in the carry state."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +57,20 @@ def plan_book(pick: Pick, config: PickupConfig = PLAYED) -> PickBook:
             "lower the object there, give a lower support"
         )
     plan = planner.plan(planner.start_q, pick.p_GO, quat_from_yaw(pick.yaw_rad))
-    return book_of(planner, plan, pick, config)
+    book = book_of(planner, plan, pick, config)
+    _check_clear(book, pick)
+    return book
+
+
+def _check_clear(book: PickBook, pick: Pick) -> None:
+    """Raises `PickInfeasible` where the object would end on its support, or almost."""
+    half, (x, _, z) = pick.carried.half_extents_m, book.pelvis[0, -1] + book.end[0]
+    gap = float(z - half[2] - pick.support.top_m)
+    if x + half[0] > pick.support.near_m and gap < LEAST_GAP_M:
+        raise PickInfeasible(
+            f"carry state {1e2 * gap:.1f} cm above the support: at least {1e2 * LEAST_GAP_M:.0f} cm are needed, give a "
+            "lower support"
+        )
 
 
 def book_of(planner: Planner, plan: PickPlan, pick: Pick, config: PickupConfig = PLAYED) -> PickBook:

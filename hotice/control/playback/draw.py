@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -61,10 +62,15 @@ def draw_books(draws: PickRange, count: int, seed: int = 0, tries: int = 0) -> t
         try:
             books.append(plan_book(draws.sample(rng)))
         except (CarryInfeasible, PickInfeasible) as error:
-            refused[type(error).__name__ + ": " + str(error).split(" ")[0]] += 1
+            refused[_kind(str(error))] += 1
     if len(books) < count:
         raise PickInfeasible(
             f"only {len(books)} of {count} picks could be planned, refused were {dict(refused)}: give nearer or lower "
             "supports"
         )
     return books, refused
+
+
+def _kind(reason: str) -> str:
+    """A reason without its numbers, so that like ones are counted together."""
+    return re.sub(r"[-+]?[0-9][0-9.]*", "#", reason.split(":")[0].split(";")[0])

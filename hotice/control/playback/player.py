@@ -11,21 +11,37 @@ from numpy.typing import NDArray
 from hotice.errors import InvalidState
 from hotice.model import builder, g1
 from hotice.model.frames import quat_from_axis_angle, quat_mul
-from hotice.model.picks.book import BOOK_PHASES, DT_S, PickBook, balance
+from hotice.model.picks.book import (
+    BOOK_PHASES,
+    DT_S,
+    LEAN_HZ,
+    LEAN_M_S,
+    STIFFER,
+    TRACK_PLACE,
+    TRACK_RATE,
+    PickBook,
+    balance,
+)
 
 Array = NDArray[np.float64]
-TRACK_PLACE, TRACK_RATE = 0.3, 0.05
-"""Gains of the alpha-beta filter of the pelvis' offset: encoders and IMU are noisy, and a rate of raw differences would
-be noise alone."""
+
+
+TRACK_TILT = 0.1
+"""Share of its difference from the measured direction of gravity that the filtered one takes over at each step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlayerMemory:
-    """Steps so far; offset (2,) and rate (2,) of the pelvis [m], [m/s]."""
+    """Steps so far; offset (2,) [m] and rate (2,) [m/s] of the pelvis over the feet, from the plan.
+
+    down_P: direction of gravity in P (3,). leaning: sum of the offset over time (2,), clipped [m s].
+    """
 
     step: int = 0
     offset: Array
     rate: Array
+    down_P: Array
+    leaning: Array
 
 
 class Player:
@@ -50,17 +66,29 @@ class Player:
 
     def start(self) -> PlayerMemory:
         """Memory before the first step."""
-        return PlayerMemory(offset=np.zeros(2), rate=np.zeros(2))
+        return PlayerMemory(
+            offset=np.zeros(2), rate=np.zeros(2), down_P=np.array([0.0, 0.0, -1.0]), leaning=np.zeros(2)
+        )
 
-    def step(self, memory: PlayerMemory, joint_pos: Array, gravity_P: Array) -> tuple[Array, PlayerMemory]:
-        """Targets (20,) [rad] for joint angles (20,) and the direction of gravity in the pelvis frame (3,)."""
+    def step(
+        self, memory: PlayerMemory, joint_pos: Array, gravity_P: Array, gyro_P: Array
+    ) -> tuple[Array, PlayerMemory]:
+        """Targets (20,) [rad] for joint angles (20,), gravity's direction and rate of the pelvis, (3,) each [rad/s].
+
+        Gravity is turned on by the gyro and pulled to what is measured now: a filter that does not lag.
+        """
         k = min(memory.step, len(self._phase) - 1)
-        offset = self.offset_of(joint_pos, gravity_P) - self._zero - self._pelvis[k, :2]
+        predicted = memory.down_P + DT_S * np.cross(memory.down_P, gyro_P)
+        down = predicted + max(1.0 / (memory.step + 1), TRACK_TILT) * (gravity_P - predicted)
+        down /= np.linalg.norm(down)
+        offset = self.offset_of(joint_pos, down) - self._zero - self._pelvis[k, :2]
         foreseen = memory.offset + DT_S * memory.rate
         found = foreseen + TRACK_PLACE * (offset - foreseen)
         rate = memory.rate + TRACK_RATE / DT_S * (offset - foreseen)
-        target = self.target[k] + balance(found, rate)
-        return target, replace(memory, step=memory.step + 1, offset=found, rate=rate)
+        leaning = np.clip(memory.leaning + DT_S * found, -LEAN_M_S, LEAN_M_S)
+        target = self.target[k] + balance(found + LEAN_HZ * leaning, rate)
+        target[g1.LOWER] += STIFFER * (self.joint_pos[k] - joint_pos)[g1.LOWER]
+        return target, replace(memory, step=memory.step + 1, offset=found, rate=rate, down_P=down, leaning=leaning)
 
     def phase(self, memory: PlayerMemory) -> str:
         """Name of what the next step does."""

@@ -39,14 +39,15 @@ class LidarPelvis:
         if received is None or (self._seen is not None and received.received_s == self._seen.received_s):
             return self._seen
         sample = received.sample
-        torso = past.at(measured_at(sample.measured_s, received.received_s, now_s, self._latency_s))
+        measured_s = measured_at(sample.measured_s, received.received_s, now_s, self._latency_s)
+        torso = past.at(measured_s)
         X_WP = pelvis_in_scene(sample, self._source, torso.waist)
         lean = math.acos(min(1.0, float(X_WP.R[2] @ normalize(torso.up_P))))
         if lean > MOST_LEAN_RAD:
             said = f"leans {math.degrees(lean):.0f} degrees against gravity: map or mount is wrong"
             self._seen = nothing(received.received_s, said)
         else:
-            self._seen = SeenPose(X_WP.p, X_WP.quat, received.received_s)
+            self._seen = SeenPose(X_WP.p, X_WP.quat, received.received_s, measured_s=measured_s)
         return self._seen
 
 

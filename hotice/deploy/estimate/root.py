@@ -65,9 +65,9 @@ class RootTracker:
         if seen is None:
             self.root = ahead
             return
-        if self._latency_s:
-            late = np.array([*self.root[5:], turning]) * self._latency_s
-            seen = seen + late
+        late_s = self._latency_s if pose is None or pose.measured_s is None else now_s - pose.measured_s
+        if late_s:
+            seen = seen + np.array([*self.root[5:], turning]) * late_s
         known, newest = _flat(ahead[:3], heading(ahead)[0]), _flat(seen[:3], seen[3])
         self._gate.track(known[:3], known[3:])
         if not self._gate.accepts(newest[:3], newest[3:]):

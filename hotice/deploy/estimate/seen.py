@@ -23,6 +23,8 @@ class SeenPose(NamedTuple):
     """The same time is the same pose."""
     verdict: str = OK
     """Anything else says why it is none."""
+    measured_s: float | None = None
+    """When it was measured, on the reader's clock [s]; None: not known."""
 
     @property
     def good(self) -> bool:

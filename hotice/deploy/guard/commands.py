@@ -21,7 +21,9 @@ _ZERO = np.zeros(JOINTS, np.float32)
 @cache
 def enabled_motors(machine: int) -> np.ndarray:
     """Which of the 29 motors this machine has, (29,) bool; none for one that is not commanded."""
-    return ~np.isin(np.arange(JOINTS), ABSENT.get(machine, tuple(range(JOINTS))))
+    on = ~np.isin(np.arange(JOINTS), ABSENT.get(machine, tuple(range(JOINTS))))
+    # a view of bytes, which a command need not copy
+    return np.frombuffer(on.tobytes(), np.bool_)
 
 
 def within_range(q: np.ndarray, tau: np.ndarray, gain: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -29,9 +31,9 @@ def within_range(q: np.ndarray, tau: np.ndarray, gain: float = 1.0) -> tuple[np.
 
     A policy presses an ankle by a target beyond its range; so its motors feel the same, within their torques.
     """
-    inside = np.clip(q, LIMITS.lower, LIMITS.upper)
+    inside = np.minimum(np.maximum(q, LIMITS.lower), LIMITS.upper)
     asked = tau + gain * _KP * (q - inside)
-    return inside.astype(np.float32), np.clip(asked, -LIMITS.torque, LIMITS.torque).astype(np.float32)
+    return inside.astype(np.float32), _within_torques(asked).astype(np.float32)
 
 
 def servo(
@@ -41,7 +43,7 @@ def servo(
 
     Where the motor would be asked for more than its torque at what is measured, torque and gains shrink alike.
     """
-    tau = np.clip(tau, -LIMITS.torque, LIMITS.torque)
+    tau = _within_torques(tau)
     inside, ahead = within_range(q, tau, gain)
     # a joint at its stop is not pressed further
     at_stop = ((q > inside) & (q_measured >= LIMITS.upper)) | ((q < inside) & (q_measured <= LIMITS.lower))
@@ -57,6 +59,10 @@ def within_torque(command: CheckedCommand, q_measured: np.ndarray, dq_measured: 
     """A command that is sent again at other positions (29,) [rad] and speeds (29,) [rad/s], shrunk as `servo` does."""
     share = _share(command.motor_torques(q_measured, dq_measured))
     return replace(command, tau=share * command.tau, kp=share * command.kp, kd=share * command.kd)
+
+
+def _within_torques(tau: np.ndarray) -> np.ndarray:
+    return np.minimum(np.maximum(tau, -LIMITS.torque), LIMITS.torque)
 
 
 def _share(asked: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -84,9 +85,11 @@ def targets_refused(in_a_row: int, limits: GuardLimits) -> Reaction:
 
 def lean(quaternion: np.ndarray, limits: GuardLimits) -> Reaction:
     """Attitude (4,) wxyz of the pelvis, of length about 1, either sign: how far its axis is from upright."""
-    _, x, y, _ = (quaternion / np.sqrt(quaternion @ quaternion)).tolist()
+    w, x, y, z = quaternion.tolist()
+    length = w * w + x * x + y * y + z * z
+    up = 1.0 - 2.0 * (x * x + y * y) / length if length else math.nan
     return _graded(
-        float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))), (limits.lean_rad, Reaction.DAMPING)
+        math.acos(min(max(up, -1.0), 1.0)) if math.isfinite(up) else math.nan, (limits.lean_rad, Reaction.DAMPING)
     )
 
 

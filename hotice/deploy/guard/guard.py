@@ -76,6 +76,7 @@ class Guard:
         self._refused: str = ""
         self._link_fails = False
         self._status_record = np.zeros((), STATUS)
+        self._status_state = self._status_record.reshape(1).view(np.uint8)[STATUS.fields["state"][1] :]
 
     def tick(self) -> CheckedCommand | None:
         """Reads, decides and sends; what was sent, None in OFF and where the link cannot send."""
@@ -197,7 +198,8 @@ class Guard:
         newest = self.measured.newest
         if newest is not None and newest.sequence != status["sequence"]:
             status["sequence"], status["received_s"] = newest.sequence, newest.received_s
-            status["state"] = newest.record
+            # bytes: assigning a record field by field takes fifty times as long
+            self._status_state[:] = np.frombuffer(newest.record.tobytes(), np.uint8)
         return status
 
     def _tell_faults(self, found: list[Finding], now_s: float) -> None:

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from hotice.deploy.messages.cdr import decode, encode
+from hotice.deploy.messages.cdr import HEADER, decode, encode
 from hotice.deploy.messages.crc import record_crc
 from hotice.deploy.messages.hg import ANKLES_AB, BMS_STATE, IMU_STATE, JOINTS, LOW_CMD, LOW_STATE, MACHINES, PITCH_ROLL
 from hotice.deploy.messages.invalid import InvalidMessage
@@ -30,9 +30,11 @@ def numbers(struct: Struct) -> tuple[Primitive, ...]:
 
 def seal(struct: Struct, record: np.ndarray) -> bytes:
     """A LowCmd or LowState as bytes on the wire with its checksum in place; the record's own `crc` is left alone."""
-    sealed = record.copy()
-    sealed["crc"] = record_crc(struct, record)
-    return encode(struct, sealed)
+    message = bytearray(encode(struct, record))
+    # the last field; a copy of the record to put it in would take longer than all else
+    end = len(HEADER) + len(struct.wire_places)
+    message[end - 4 : end] = record_crc(struct, record).to_bytes(4, "little")
+    return bytes(message)
 
 
 def open_low_state(data: bytes) -> np.ndarray:

@@ -25,13 +25,13 @@ def crc32_mpeg2(data: bytes) -> int:
 
 def record_crc(struct: Struct, record: np.ndarray) -> int:
     """The checksum of a record () that ends with its `crc`, whatever that field holds now."""
-    source = np.frombuffer(record.tobytes() + b"\0", np.uint8)
-    return crc32_mpeg2(source[_fed(struct)].tobytes())
+    words = np.frombuffer(record.tobytes(), "<u4")[:-1] & _not_padding(struct)
+    # the highest byte of each word first
+    return crc32_mpeg2(words.byteswap().tobytes())
 
 
 @cache
-def _fed(struct: Struct) -> np.ndarray:
-    # the C struct's bytes as they are fed: the highest byte of each word first, padding from one byte past the end
-    size = struct.dtype.itemsize
-    bytes_fed = np.where(struct.record_places < len(struct.wire_places), np.arange(size), size)
-    return bytes_fed.reshape(-1, 4)[:-1, ::-1].ravel()
+def _not_padding(struct: Struct) -> np.ndarray:
+    # all bits of the C struct's words but those of padding
+    held = np.where(struct.record_places < len(struct.wire_places), 0xFF, 0).astype(np.uint8)
+    return np.frombuffer(held.tobytes(), "<u4")[:-1]

@@ -9,7 +9,7 @@ from hotice import checks
 from hotice.checks import Range
 from hotice.deploy.messages.hg import ABSENT
 from hotice.deploy.simulated.mishaps import Mishap
-from hotice.deploy.simulated.moving import Move
+from hotice.deploy.simulated.move import Move
 from hotice.deploy.simulated.remote import Press
 from hotice.errors import InvalidConfig
 from hotice.model.objects import Box

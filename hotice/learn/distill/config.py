@@ -49,8 +49,7 @@ class DistillConfig(TrainConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._read_names()
-        if not self.teachers and self.generalist is None:
-            raise InvalidConfig("no teachers: runs of specialists (teachers), of a generalist, or both are needed")
+        self._check_teachers()
         checks.whole("aggregate", self.aggregate, Range(least=1, most=64, unit="rollouts"))
         checks.number("exploration", self.exploration, checks.SHARE)
         usual = PpoConfig()
@@ -60,6 +59,10 @@ class DistillConfig(TrainConfig):
                     f"{name} is {getattr(self.ppo, name)}: distillation does not use it, leave it out "
                     f"({', '.join(PPO_ALONE)} are of dual PPO)"
                 )
+
+    def _check_teachers(self) -> None:
+        if not self.teachers and self.generalist is None:
+            raise InvalidConfig("no teachers: runs of specialists (teachers), of a generalist, or both are needed")
 
     def _read_names(self) -> None:
         """Takes apart NAME=PATH among the teachers, the form in which `hotice reproduce` is given policies."""

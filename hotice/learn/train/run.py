@@ -78,11 +78,15 @@ class Run:
         self.steps = 0
         self.notice = ""
         self.obs, self.critic_obs = env.reset()
-        # The first episodes end at different times, so that a rollout holds all phases of an episode.
+        self._spread()
+        self.stats.whole.copy_(env.memory.step <= 0)
+
+    def _spread(self) -> None:
+        """Lets the first episodes end at different times, so that a rollout holds all phases of an episode."""
+        env = self.env
         env.memory.step.copy_(
             torch.randint(0, env.config.max_steps, (env.num_envs,), generator=env.generator, device=env.device)
         )
-        self.stats.whole.copy_(env.memory.step == 0)
 
     def _make_learner(self, generator: torch.Generator) -> Learner:
         return DualPpo(self.net, self.config.ppo, self.env.policy_table.mirror, mirror_action, generator)

@@ -32,6 +32,14 @@ STIFF_N_M, DAMP_NS_M = 770.0, 150.0
 HEIGHT_M = 0.7
 OFF_M, OFF_M_S = 0.08, 0.8
 """Farther off counts as this."""
+STIFFER = 0.5
+"""Legs are held by so much stiffer servos, as a share of themselves: against gains that are not as described."""
+LEAN_HZ, LEAN_M_S = 0.5, 0.03
+"""Slow balance, against a centre of mass that is elsewhere than described: share of the offset's sum over time, and the
+sum's limit."""
+TRACK_PLACE, TRACK_RATE = 0.3, 0.05
+"""Gains of the alpha-beta filter of the pelvis' offset as a robot knows it: encoders and IMU are noisy, and a rate of
+raw differences would be noise alone."""
 MAX_BYTES = 2**30
 SHAPES = ("box", "cylinder", "sphere")
 
