@@ -13,6 +13,7 @@ import pytest
 
 from hotice.caches import cache_root
 from hotice.commands import scene, table
+from hotice.commands.picks import group
 
 pytestmark = pytest.mark.slow
 SMALL = "--num-envs 8 --carry-states 1 --threads 1 --hidden 8 --critic-hidden 8 --steps 4 --minibatches 2 --updates 1"
@@ -22,6 +23,11 @@ LINES = {
     "distill": f"distill --scenes open_floor --generalist run {SMALL} --out student",
     "finetune": f"finetune --scenes open_floor --init run {SMALL} --out tuned",
     "pipeline": "pipeline small.yaml",
+    "pickup": "pickup --help",
+    "pickup plan": "pickup plan --count 0 --out picks.npz",
+    "pickup distill": "pickup distill --picks nope.npz --out picker",
+    "pickup train": "pickup train --picks nope.npz --init nope --out picker",
+    "pickup evaluate": "pickup evaluate --policy nope --picks nope.npz",
     "evaluate": "evaluate --policy student --scenes open_floor --rollouts 1 --threads 1 --horizon-s 1.0 --out r.json",
     "reproduce": "reproduce table1 --policies dual_hodpf=student --bench nope --out paper",
     "merge": "merge --parts nope nope --out merged",
@@ -45,7 +51,9 @@ LINES = {
     "scene generate": "scene generate family:pipe:1 --out generated",
 }
 """A short use of each command; `run` is a training that was made before."""
+PICKUPS = ("pickup plan", "pickup distill", "pickup train", "pickup evaluate")
 REFUSED = (
+    *PICKUPS,
     "reproduce",
     "merge",
     "robot-sim",
@@ -96,7 +104,9 @@ def made(tmp_path_factory):
 
 
 def test_every_command_is_tried():
-    commands = set(table.COMMANDS) | {f"scene {name}" for name in scene.COMMANDS}
+    commands = set(table.COMMANDS)
+    for name, entries in (("scene", scene.COMMANDS), ("pickup", group.COMMANDS)):
+        commands |= {f"{name} {entry}" for entry in entries}
     assert set(LINES) == commands, "a new command needs a line"
 
 
