@@ -36,8 +36,8 @@ class Compiling(event.Listener):
 
     def on_start(self, event: event.Event) -> None:
         if self._depth == 0:
-            dispatcher = (event.data or {})["dispatcher"]
-            self._begin, self._now = time.perf_counter(), dispatcher.__name__.strip("_")
+            name = getattr((event.data or {}).get("dispatcher"), "__name__", "a function")
+            self._begin, self._now = time.perf_counter(), name.strip("_")
             if not os.environ.get("HOTICE_QUIET"):
                 first_s = self.FIRST_S if self.spent_s < 1.0 else self.EVERY_S
                 self._told.enter_context(lines(self._line, first_s, self.EVERY_S))

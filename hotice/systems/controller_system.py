@@ -145,7 +145,7 @@ class ControllerSystem(LeafSystem):
 
     def message(self, context: Context) -> str:
         """What this system's own Context says of the last fault; empty before the first."""
-        return context.get_abstract_state(1).get_value()
+        return str(context.get_abstract_state(1).get_value())
 
     def _act(self, context: Context, state: State) -> None:
         if self._active.HasValue(context) and self._active.Eval(context)[0] < 0.5:

@@ -62,7 +62,7 @@ class DrakeDampers(LeafSystem):
     @staticmethod
     def wanted(port: InputPort, context: Context) -> Array:
         """Which joints (20,) shall damp: what an input port `damped` says, none where nothing is connected."""
-        return port.Eval(context) if port.HasValue(context) else np.zeros(NUM_JOINTS)
+        return np.asarray(port.Eval(context)) if port.HasValue(context) else np.zeros(NUM_JOINTS)
 
     def _update(self, context: Context, _: DiscreteValues) -> None:
         self.set_gains(self.wanted(self._damped, context))

@@ -97,7 +97,7 @@ class PolicySystem(LeafSystem):
 
     def message(self, context: Context) -> str:
         """What this system's own Context says of the last fault; empty before the first."""
-        return context.get_abstract_state(0).get_value()
+        return str(context.get_abstract_state(0).get_value())
 
     def observation(self, context: Context) -> NDArray[np.float32]:
         """What the policy would read now; rows as in `hotice.policy.observation.layout_of`."""

@@ -1,6 +1,6 @@
 """The pick-up task: its rule at the limit, labels that are the plan's, noise that is what was drawn, equal resumption.
 
-`data/picks.npz` holds two boxes, a cylinder and a sphere, made by `hotice.control.playback.draw.draw_books`.
+`data/picks.npz` holds two boxes, a cylinder and a sphere, made by `draw_books` of `hotice.control.playback.draw`.
 """
 
 from dataclasses import replace

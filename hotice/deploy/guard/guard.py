@@ -76,7 +76,7 @@ class Guard:
         self._refused: str = ""
         self._link_fails = False
         self._status_record = np.zeros((), STATUS)
-        self._status_state = self._status_record.reshape(1).view(np.uint8)[STATUS.fields["state"][1] :]
+        self._status_state = self._status_record.reshape(1).view(np.uint8)[-STATUS["state"].itemsize :]
 
     def tick(self) -> CheckedCommand | None:
         """Reads, decides and sends; what was sent, None in OFF and where the link cannot send."""

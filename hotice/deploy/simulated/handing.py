@@ -30,7 +30,8 @@ class Handing:
     """One object on its way to the robot; `stage` says where."""
 
     def __init__(self, world: World, stage: Stage) -> None:
-        self._world, self.stage = world, stage
+        self._world = world
+        self.stage: Stage = stage
         model = world.model
         self._body = model.body(builder.OBJECT_BODY).id
         self._hands = [model.body(f"{side}_wrist_yaw_link").id for side in g1.SIDES]
