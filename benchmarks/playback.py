@@ -50,7 +50,7 @@ def play(book: PickBook, exact: bool, seed: int) -> list[str]:
         env.physics.forward(env.everyone)
     players = [Player(book, i) for i in range(n)]
     memory = [p.start() for p in players]
-    code, offset, off = np.zeros(n, dtype=int), env.carry.joint_offset.numpy(), 0.0 if exact else 1.0
+    code, offset, off = np.zeros(n, dtype=np.int64), env.carry.joint_offset.numpy(), 0.0 if exact else 1.0
     for _ in track(range(env.config.max_steps), description="playing"):
         env.physics.only = torch.nonzero(torch.tensor(code == 0)).squeeze(1)
         joints = env.physics.qpos[:, g1.JOINT_POS].numpy() + offset + off * rng.uniform(-0.03, 0.03, (n, 20))

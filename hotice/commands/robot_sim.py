@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 
 from rich.table import Table
 
@@ -56,7 +57,8 @@ def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
                 for keys in pressed_by(terminal.typed()):
                     robot.press(*keys)
 
-        lateness = live(step, MonotonicClock(), lambda: not stopped and robot.time_s < config.duration_s)
+        end_s = math.inf if config.duration_s is None else config.duration_s
+        lateness = live(step, MonotonicClock(), lambda: not stopped and robot.time_s < end_s)
     gc.unfreeze()
     console.print(_summary(network, lateness))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from hotice import checks
@@ -24,7 +23,7 @@ class RobotSimConfig(SimulatedRobotConfig):
     """DDS domain; 0 is a real robot's, and allowed on loopback alone. One domain for each simulated robot."""
     interface: str = "lo"
     """Network interface; "lo" is this machine alone."""
-    duration_s: float = math.inf
+    duration_s: float | None = None
     """Ends after so long [s]; without it by Ctrl-C."""
     pose_port: int = POSE_PORT
     """UDP port on this machine to which localization is sent."""
@@ -39,7 +38,7 @@ class RobotSimConfig(SimulatedRobotConfig):
                 f"domain is {ROBOT_DOMAIN}, a real robot's, on interface {self.interface!r}: a simulated robot there "
                 f"would be taken for it; use another domain, or interface {LOOPBACK!r}"
             )
-        if self.duration_s != math.inf:
+        if self.duration_s is not None:
             checks.number("duration_s", self.duration_s, checks.POSITIVE)
         checks.whole("pose_port", self.pose_port, PORT)
         checks.whole("tags_port", self.tags_port, PORT)

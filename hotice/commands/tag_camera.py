@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import closing
 
 from rich.table import Table
@@ -33,7 +34,7 @@ def tag_camera(config: TagCameraConfig) -> None:
         stopped_by_signals(stopped),
     ):
         console.print(f"tags of {config.camera} to UDP {config.host}:{config.port}; Ctrl-C ends")
-        end_s = clock.now() + config.duration_s
+        end_s = math.inf if config.duration_s is None else clock.now() + config.duration_s
         watched = watch_tags(frames, detector, sender, clock, stopped=lambda: bool(stopped) or clock.now() >= end_s)
     table = Table("", "", title="camera", show_header=False)
     for row in in_words(watched):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,12 +45,12 @@ class TagCameraConfig:
     """Address to which corners of tags are sent."""
     port: int = TAGS_PORT
     """UDP port of it."""
-    duration_s: float = math.inf
+    duration_s: float | None = None
     """Ends after so long [s]; without it by Ctrl-C, or with the folder's last picture."""
 
     def __post_init__(self) -> None:
         checks.whole("first_id", self.first_id, FIRST_ID)
         checks.whole("rate_hz", self.rate_hz, Range(least=1, most=1000))
         checks.whole("port", self.port, PORT)
-        if self.duration_s != math.inf:
+        if self.duration_s is not None:
             checks.number("duration_s", self.duration_s, checks.POSITIVE)

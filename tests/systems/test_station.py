@@ -25,7 +25,7 @@ from hotice.systems.compose import build, connect
 from hotice.systems.joint_pd import JointPd
 from hotice.systems.record.picture import wires
 from hotice.systems.record.rollout import judge, to_record
-from hotice.systems.safety_monitor import SafePosture, SafetyLimits, SafetyMonitor
+from hotice.systems.safety_monitor import FAULTS, SafePosture, SafetyLimits, SafetyMonitor
 from hotice.systems.signals import CONTACT_FORCE, GUIDANCE, PERCEPT, ROBOT_STATE
 from hotice.systems.visualizer import Visualizer, open_meshcat
 
@@ -235,7 +235,7 @@ def test_open_ports_are_named(carry):
         connect(builder, safety, "command", servo, "target")
     with pytest.raises(InvalidStation, match="has no output port"):
         connect(builder, safety, "torque", servo, "joint_target")
-    with pytest.raises(InvalidStation, match="has 26 numbers, port 'joint_target' of 'joint_pd' needs 20"):
+    with pytest.raises(InvalidStation, match=f"has {FAULTS} numbers, port 'joint_target' of 'joint_pd' needs 20"):
         connect(builder, safety, "faults", servo, "joint_target")
     with pytest.raises(InvalidStation, match="connected already"):
         connect(builder, servo, "torque", safety, "command")
