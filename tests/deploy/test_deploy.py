@@ -292,8 +292,8 @@ def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path)
     if float(re.search(r"worst (\d+\.\d+) ms", robot.text)[1]) > STATE_MS:
         assert "state is" in deploy.text
         pytest.skip("this machine was too busy for 500 steps a second: the guard rightly braked, or might have")
-    if re.search(r"damping: targets are \d\.\d+ s old", deploy.text):
-        pytest.skip("this machine was too busy for 50 targets a second: the guard rightly braked")
+    if late := re.search(r"damping: (state is|targets are) 0\.[01]\d+ s old", deploy.text):
+        pytest.skip(f"this machine was too busy, the guard rightly braked: {late[0]}")
     modes = [line.split(":")[0] for line in deploy.lines if re.search(r"(asked|stopped) by the operator|reached", line)]
     assert modes == ["damping", "posture", "ready", "carry", "hold", "lower", "damping"], deploy.text
     found = replay_log(tmp_path / "log")
