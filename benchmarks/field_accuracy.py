@@ -242,7 +242,7 @@ def main() -> int:
             failed.append(f"{case.scene.name}: order {order} is below {LEAST_ORDER}")
     console.print(table)
     for line in failed:
-        console.print(f"[red]failed[/red]  {line}")
+        console.print(f"failed  {line}", style="red")
     return 1 if failed else 0
 
 

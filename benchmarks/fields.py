@@ -134,7 +134,7 @@ def main() -> int:
     console.print(table)
     for name, ok in zip(("building", "sampling", "memory"), passed, strict=True):
         if not ok:
-            console.print(f"[red]failed[/red]  {name}")
+            console.print(f"failed  {name}", style="red")
     return 0 if all(passed) else 1
 
 
