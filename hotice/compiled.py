@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
@@ -30,6 +31,8 @@ def compiled(function: Callable | None = None, /, **options: Any) -> Any:
     COMPILING.watch()
     if function is None:
         return lambda f: compiled(f, **options)
+    if options.get("parallel"):
+        function = _copied(function, "_parallel")
     folder = kept_in()
     if folder is None:
         return numba.njit(**options)(function)
@@ -39,6 +42,15 @@ def compiled(function: Callable | None = None, /, **options: Any) -> Any:
         return numba.njit(cache=True, **options)(function)
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]
+
+
+def _copied(function: Callable, ending: str) -> Callable:
+    """The function under another name. numba keeps what it compiles by name and types, whatever the options were: of a
+    function that is compiled on one thread and on several, it would load for both what was compiled first."""
+    copy = FunctionType(function.__code__, function.__globals__, function.__name__ + ending, function.__defaults__)
+    copy.__qualname__, copy.__module__ = function.__qualname__ + ending, function.__module__
+    copy.__doc__ = function.__doc__
+    return copy
 
 
 @lru_cache

@@ -1,4 +1,5 @@
 import numba
+import numpy as np
 import pytest
 from numba.core import config
 
@@ -9,6 +10,11 @@ from hotice.compiled import compiled
 
 def add(a, b):
     return a + b
+
+
+def double(out):
+    for i in numba.prange(len(out)):
+        out[i] *= 2.0
 
 
 def test_functions_compile_and_keep_their_options():
@@ -32,6 +38,21 @@ def test_the_cache_lies_in_a_folder_of_this_state_of_the_sources(tmp_path, monke
         (folder,) = (tmp_path / "hotice").iterdir()
         assert folder.name == f"numba-{module._digest()}"
         assert list(folder.rglob("*.nbi"))
+    finally:
+        module.kept_in.cache_clear()
+
+
+def test_a_function_for_one_thread_and_for_several_is_kept_twice(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    module.kept_in.cache_clear()
+    try:
+        one, many = compiled(double), compiled(double, parallel=True)
+        for made in (one, many):
+            out = np.arange(5.0)
+            made(out)
+            assert out.tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
+        assert len(list(tmp_path.rglob("*.nbi"))) == 2
+        assert sum(one.stats.cache_hits.values()) == sum(many.stats.cache_hits.values()) == 0
     finally:
         module.kept_in.cache_clear()
 
