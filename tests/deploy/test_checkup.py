@@ -152,6 +152,8 @@ def test_the_order_of_the_joints():
         RobotCheckConfig(joints=("left_knee",))
     with pytest.raises(UnknownName):
         Lab(move=("knee@1s",))
+    with pytest.raises(InvalidConfig, match="leave the duration out"):
+        Lab(move=("left_knee_joint@1s+5s",))
     assert len(RobotCheckConfig(joints=("all",)).asked) == 29 == len(Move.parse("all@1s"))
 
 
