@@ -107,7 +107,8 @@ def make_station(
     Args:
         config: numbers of the station.
         plant: mujoco, or drake (a MultibodyPlant of the same robot, object and scene).
-        controller: policy; hold (keeps the carry posture; nobody balances, so that it topples within seconds); walk, pickup (`hotice.control`); pickup_then_policy.
+        controller: policy; hold (keeps the carry posture; nobody balances, so that it topples within seconds); walk,
+            pickup (`hotice.control`); pickup_then_policy.
         meshcat: a pydrake Meshcat to draw into; None: no visualizer.
         faults: of signals, to see what the station does about them; those of guidance for the controller `policy`
             alone.
