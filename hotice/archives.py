@@ -9,6 +9,7 @@ import tokenize
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ _DAMAGED = (
 and for arrays that say they are larger than any memory."""
 
 
-def read_arrays(path: str | Path, max_bytes: int, max_unpacked: int) -> dict[str, np.ndarray]:
+def read_arrays(path: str | Path, max_bytes: int, max_unpacked: int) -> dict[str, Any]:
     """Arrays of an archive by name; nothing in it is executed.
 
     Raises:

@@ -14,7 +14,6 @@ from dataclasses import fields
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -82,7 +81,7 @@ def load(folder: Path, key: str) -> PickPlan | None:
         return None
     try:
         arrays = read_arrays(path, MAX_BYTES, MAX_UNPACKED)
-        found: dict[str, Any] = {field.name: arrays[field.name] for field in fields(PickPlan)}
+        found = {field.name: arrays[field.name] for field in fields(PickPlan)}
         found["lift_knots"], found["back_m"] = int(found["lift_knots"]), float(found["back_m"])
         return PickPlan(**found)
     except (InputError, ValueError, KeyError, TypeError):
