@@ -38,7 +38,7 @@ COMMANDS: Groups = {
         ),
         Entry(
             "warm",
-            "Compile what is compiled once (a minute or two), so that later commands begin at once.",
+            "Compile what is compiled once (about a minute), so that later commands begin at once.",
             ("hotice warm",),
         ),
         Entry("tables", "Print rewards, observations and terminations as Markdown.", ("hotice tables > tables.md",)),
