@@ -1,4 +1,5 @@
 # hotice on the CPU: docker build -t hotice . && docker run --rm -v "$PWD/out:/out" hotice play --scene beam --out /out/beam.html
+# (out: a folder that user 1000 may write; Docker would make a missing one as root's)
 FROM python:3.11-slim
 RUN useradd --create-home hotice
 WORKDIR /src

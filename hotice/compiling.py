@@ -1,4 +1,4 @@
-"""Compiling takes a minute or more the first time: that it happens is said, with how far it is, and counted apart.
+"""Compiling takes about a minute the first time: that it happens is said, with how far it is, and counted apart.
 
 It is not said where the environment variable HOTICE_QUIET is set, for programs that read every line.
 """
@@ -52,7 +52,7 @@ class Compiling(event.Listener):
 
     def _line(self) -> str:
         done = f"{self.functions} functions done, now {self._now}"
-        return f"compiling for this machine, once, a minute or two in all: {done}"
+        return f"compiling for this machine, once, about a minute in all: {done}"
 
 
 COMPILING = Compiling()

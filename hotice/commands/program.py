@@ -99,7 +99,7 @@ def _run(argv: list[str]) -> int:
     if argv[:1] in ([], ["-h"], ["--help"]):
         print(catalog.overview(program, groups, about))
         return 0 if argv else 2
-    if argv == ["--version"]:
+    if argv[0] == "--version":
         import hotice
 
         print(f"hotice {hotice.__version__}")

@@ -107,7 +107,7 @@ def play(config: PlayConfig) -> int:
 
 
 def warm() -> int:
-    """Compile what is compiled once (a minute or two), so that later commands begin at once."""
+    """Compile what is compiled once (about a minute), so that later commands begin at once."""
     from hotice.commands.warm import warm as run
 
     run()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from hotice import checks
 from hotice.documents import parse_json
 from hotice.errors import CheckpointError, InputError, UnknownName
-from hotice.files import is_file, is_folder, read_bytes
+from hotice.files import read_bytes
 from hotice.machine import usable_cores
 from hotice.model.g1 import ACTIONS
 from hotice.policy.onnx_graph import MOST_WIDTH, graph_fault
@@ -78,11 +79,13 @@ def shipped_policies() -> tuple[str, ...]:
 
 
 def check_name(policy: str) -> None:
-    """Raises `UnknownName` for what is neither a shipped policy nor the path of anything; reads no policy."""
+    """Raises `UnknownName` or `CheckpointError` unless it is a shipped policy or the path of something; reads none."""
+    if policy in shipped_policies() or os.path.exists(policy):
+        return
     path = Path(policy)
-    at_path = path.suffix == ".onnx" or len(path.parts) > 1 or is_file(path) or is_folder(path)
-    if not at_path and policy not in shipped_policies():
-        raise UnknownName("policy", policy, shipped_policies(), "the path of an .onnx file or a checkpoint folder")
+    if path.suffix == ".onnx" or len(path.parts) > 1:
+        raise CheckpointError(f"{path}: no such policy file or checkpoint folder")
+    raise UnknownName("policy", policy, shipped_policies(), "the path of an .onnx file or a checkpoint folder")
 
 
 def open_policy(name_or_path: str | Path, threads: int = 1) -> PolicySession:

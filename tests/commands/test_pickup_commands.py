@@ -27,7 +27,7 @@ def test_help(name, capsys):
 
 
 def test_a_book_is_written_with_what_was_refused(tmp_path, monkeypatch, capsys):
-    from hotice.control.playback import draw
+    from hotice.control.playback import course
 
     book = PickBook.load(BOOK)
     given = iter([PickInfeasible("support 0.80 m high is in the way"), book.rows([0]), book.rows([1])])
@@ -38,7 +38,7 @@ def test_a_book_is_written_with_what_was_refused(tmp_path, monkeypatch, capsys):
             raise found
         return found
 
-    monkeypatch.setattr(draw, "plan_book", plan_book)
+    monkeypatch.setattr(course, "plan_book", plan_book)
     assert run("plan --count 2 --out", tmp_path / "x.npz") == 0
     assert len(PickBook.load(tmp_path / "x.npz")) == 2
     assert "2 picks; refused 1\n  1 x support # m high is in the way" in capsys.readouterr().out

@@ -38,7 +38,7 @@ COMMANDS: Groups = {
         ),
         Entry(
             "warm",
-            "Compile what is compiled once (a minute or two), so that later commands begin at once.",
+            "Compile what is compiled once (about a minute), so that later commands begin at once.",
             ("hotice warm",),
         ),
         Entry("tables", "Print rewards, observations and terminations as Markdown.", ("hotice tables > tables.md",)),
@@ -199,7 +199,7 @@ ABOUT_PICKUPS = "Pick-ups: plan a book of them, make a student of it, improve th
 ABOUT = "A Unitree G1 humanoid carries objects through clutter: look, score, learn, and reach a robot."
 NOTES = (
     "--help behind a command shows every option, with examples.",
-    "Completion: hotice --tyro-print-completion bash (or zsh, tcsh) > FILE, then source FILE.",
+    "Completion: hotice --tyro-print-completion bash (or zsh, tcsh, fish) > FILE, then source FILE.",
 )
 
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hotice import checks
 from hotice.control.pick_plan import Support
-from hotice.control.playback.course import Pick, plan_book
 from hotice.errors import CarryInfeasible, PickInfeasible
 from hotice.model.object_range import ObjectRange
 from hotice.model.picks.book import PickBook
+
+if TYPE_CHECKING:
+    from hotice.control.playback.course import Pick
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +43,9 @@ class PickRange:
 
     def sample(self, rng: np.random.Generator) -> Pick:
         """One pick, which the planner may yet refuse. Raises `PickInfeasible` for a support that nobody reaches."""
+        # The planner's packages, which options of commands do without.
+        from hotice.control.playback.course import Pick
+
         carried = self.objects.sample(rng)
         top, near, inset = (float(rng.uniform(*span)) for span in (self.top_m, self.near_m, self.inset_m))
         aside, turn = (float(rng.uniform(-half, half)) for half in (self.aside_m, self.turn_rad))
@@ -55,6 +61,8 @@ def draw_books(draws: PickRange, count: int, seed: int = 0, tries: int = 0) -> t
 
     `tries`: give up after so many draws; 0: after 20 for each pick. Raises `PickInfeasible` then.
     """
+    from hotice.control.playback.course import plan_book
+
     rng, books, refused = np.random.default_rng(seed), [], Counter()
     for _ in range(tries or 20 * count):
         if len(books) == count:

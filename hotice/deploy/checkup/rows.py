@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.deploy.checkup.floor import lowest_sole
 from hotice.deploy.checkup.watch import Observed
 from hotice.deploy.command import LIMITS
 from hotice.deploy.estimate.pelvis import pelvis_in_scene
@@ -164,6 +163,9 @@ def _of_map(observed: Observed, source: MapSource | None, stands: bool) -> Itera
     up = up_of(observed)
     tilt = math.acos(float(np.clip(X_WP.R[2] @ up, -1.0, 1.0)))
     yield _angle("gravity by the map against the IMU", tilt, MAP_TILT_RAD)
+    # MuJoCo, which the command's options, that import this module, do without
+    from hotice.deploy.checkup.floor import lowest_sole
+
     height = float(X_WP.p[2]) + lowest_sole(q, up)
     yield Row(
         "floor by the map against the soles",
