@@ -45,8 +45,11 @@ def compiled(function: Callable | None = None, /, **options: Any) -> Any:
 
 
 def _copied(function: Callable, ending: str) -> Callable:
-    """The function under another name. numba keeps what it compiles by name and types, whatever the options were: of a
-    function that is compiled on one thread and on several, it would load for both what was compiled first."""
+    """The function under another name.
+
+    numba keeps what it compiles by name and types, whatever the options were: of a function that is compiled for one
+    thread and for several, it would load for both what was compiled first.
+    """
     copy = FunctionType(function.__code__, function.__globals__, function.__name__ + ending, function.__defaults__)
     copy.__qualname__, copy.__module__ = function.__qualname__ + ending, function.__module__
     copy.__doc__ = function.__doc__

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import tempfile
-import zipfile
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from itertools import pairwise
@@ -16,9 +15,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hotice.archives import read_arrays
 from hotice.documents import parse_json
 from hotice.errors import HoticeError, InputError
-from hotice.files import read_bytes, write_bytes
+from hotice.files import write_bytes
 from hotice.model.geometry.shapes import MeshShape
 from hotice.model.objects import CarriedObject, object_from_dict
 from hotice.model.scene import Scene
@@ -258,13 +258,7 @@ class RolloutRecord:
     def load(cls, path: str | Path) -> RolloutRecord:
         """Reads what `save` wrote; nothing in the file is executed. Raises `InvalidRollout` naming the file."""
         try:
-            content = read_bytes(path, MAX_FILE_BYTES)
-            with zipfile.ZipFile(io.BytesIO(content)) as packed:
-                unpacked = sum(entry.file_size for entry in packed.infolist())
-            if unpacked > MAX_UNPACKED_BYTES:
-                raise InvalidRollout(f"unpacks to more than {MAX_UNPACKED_BYTES // 2**20} MiB")
-            with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
+            arrays = read_arrays(path, MAX_FILE_BYTES, MAX_UNPACKED_BYTES)
             text = parse_json("its description", arrays.pop("json").tobytes(), InvalidRollout)
             if text.pop("format") != FORMAT:
                 raise InvalidRollout(f"is not of format {FORMAT}")
@@ -277,7 +271,7 @@ class RolloutRecord:
             raise InvalidRollout(str(error)) from None
         except OSError as error:
             raise InvalidRollout(f"{path}: cannot be read: {error.strerror or error}") from None
-        except (zipfile.BadZipFile, KeyError, TypeError, AttributeError, ValueError, EOFError) as error:
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise InvalidRollout(f"{path}: is not a rollout record: {error}") from None
         except HoticeError as error:
             raise InvalidRollout(f"{path}: {error}") from None

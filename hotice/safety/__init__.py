@@ -1,7 +1,8 @@
 """What judges whether a robot may go on: named faults, limits, ages, jumps, and the answer to each fault.
 
-NumPy only. A station's safety monitor asks all of it, and compiles the loops of `judge`; a robot's guard shares limits
-and jumps, and has a table of its own (`hotice.deploy.guard.faults`): what it measures, and whom it tells, is more.
+NumPy only. A station's safety monitor asks all of it, and compiles the loops of `judge`; a robot's guard shares limits,
+jumps and how a fall is foreseen, and has a table of its own (`hotice.deploy.guard.faults`): what it measures, and whom
+it tells, is more.
 """
 
 from typing import TYPE_CHECKING

@@ -77,6 +77,6 @@ class Answer(IntEnum):
     REPEAT = 2
     """The last valid command is given again."""
     HOLD = 3
-    """Joints stay where they were at the last valid command."""
+    """Joints stay where they were at the last valid command; nobody balances, and the robot topples within seconds."""
     DAMP = 4
     """Joints only damp, the arms after a second in which they keep what they hold; final."""

@@ -1,4 +1,4 @@
-"""Judgements as plain loops over numbers, which a station compiles.
+"""Judgements as plain loops over numbers, which a station compiles; a robot's guard asks `lean_ahead` as it is.
 
 (Compiled by `hotice.compiled`.) Each `find_…` writes into `begun` (faults,) when the cause of a fault that is there now
 began [s]; `begun` holds inf where there is none. Limits come as the arrays of `measurement_array`, …

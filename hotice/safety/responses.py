@@ -52,7 +52,7 @@ RESPONSES: Mapping[Fault, tuple[tuple[float, Answer], ...]] = MappingProxyType(
 that age. A robot that stands still is not damped because its controller fails: see `STILL_HOLDS`; one that walks is,
 since in a stiff posture its joints leap and it topples like a board (docs/station.md)."""
 STILL_HOLDS = frozenset(fault for fault, response in RESPONSES.items() if response is _CONTROLLER)
-"""Faults under which a robot that stands still goes on holding its posture instead of damping."""
+"""Faults under which a robot that stands still goes on holding its posture instead of damping, until it topples."""
 
 
 def response_table() -> np.ndarray:

@@ -38,7 +38,7 @@ from hotice.systems.signals import (
 Array = NDArray[np.float64]
 UNKNOWN_PHASE = -1.0
 POSSIBLE = MeasurementLimits.possible_speed_rad_s
-"""Largest velocity of anything that a controller reads [m/s, rad/s]; beyond it the measurement is wrong."""
+"""Largest velocity of anything that a controller reads [m/s, rad/s]; beyond it, or NaN, the measurement is wrong."""
 TORQUE, PHASE, FAULTS, STATE = range(4)
 
 
@@ -152,7 +152,8 @@ class ControllerSystem(LeafSystem):
             return
         status = state.get_mutable_discrete_state(STATE)
         fastest = np.abs(self._state.Eval(context)[NQ:]).max()
-        if fastest > POSSIBLE:
+        # not a number is beyond every limit, and would stay in the controller's memory
+        if not fastest <= POSSIBLE:
             text = f"a velocity of {fastest:g} m/s or rad/s is impossible: no step was made"
             state.get_mutable_abstract_state(1).set_value(text)
             status.SetFromVector([context.get_time(), float(Fault.STATE_IMPOSSIBLE)])

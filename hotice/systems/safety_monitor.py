@@ -43,6 +43,7 @@ FAULTS = len(Fault)
 LEGS_AND_WAIST = np.array([not any(arm in joint for arm in ("shoulder", "elbow")) for joint in g1.ACTION_JOINTS])
 _GYRO = ROOT_RATE.start
 _OBSERVATION_INVALID, _GUIDANCE_INVALID = int(Fault.OBSERVATION_INVALID), int(Fault.GUIDANCE_INVALID)
+_CONTROLLER_ERROR, _POSE_INVALID = int(Fault.CONTROLLER_ERROR), int(Fault.POSE_INVALID)
 _AHEAD_S, _OWN = AHEAD_S, Percept.PARTS["w_WP_P"].start
 _POSSIBLE_GUIDANCE = 1e4
 """No field is as strong [m/s], nothing as far away [m] (ours)."""
@@ -165,6 +166,12 @@ def _within(vector, most):
 
 
 @compiled
+def _known(code, otherwise):
+    """A fault by its number; a number that is none, which would be written elsewhere, is another one."""
+    return int(code) if code < FAULTS else otherwise
+
+
+@compiled
 def _passes(command, lower, upper):
     for i in range(len(command)):
         # NaN fails every comparison
@@ -228,11 +235,11 @@ def _check(
     if len(sources):
         stamps[2:] = sources[:2]
         for fault in sources[2:]:
-            if fault > 0:
-                begun[int(fault)] = now
+            if not fault <= 0:
+                begun[_known(fault, _POSE_INVALID)] = now
     _find_ages(begun, now, stamps, before, memory[_SAME], ages)
-    if status[1] > 0:
-        begun[int(status[1])] = now
+    if not status[1] <= 0:
+        begun[_known(status[1], _CONTROLLER_ERROR)] = now
     since = memory[_SINCE : _SINCE + FAULTS]
     _remember(begun, now, since, counts)
     answer, fault = _decide(now, since, _stands_still(quat, gyro, qd), table, still_holds)

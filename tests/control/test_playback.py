@@ -132,25 +132,6 @@ def test_a_book_is_read_as_it_was_written(book, tmp_path):
         Player(read, 2)
 
 
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        ({"mass": np.array([np.nan])}, "not finite"),
-        ({"support": np.zeros((2, 2))}, "shape"),
-        ({"shape": np.array([3])}, "allowed are 0 to 2"),
-    ],
-)
-def test_a_book_that_is_none_is_refused(book, change, message):
-    with pytest.raises(InvalidState, match=message):
-        replace(book, **change)
-
-
-def test_a_file_that_is_no_book_is_refused(tmp_path):
-    (tmp_path / "x.npz").write_bytes(b"PK nothing")
-    with pytest.raises(InvalidState, match="is no book of picks"):
-        PickBook.load(tmp_path / "x.npz")
-
-
 def test_draws_are_of_the_range_and_give_up_in_words():
     draws, rng = PickRange(top_m=(0.5, 0.6)), np.random.default_rng(0)
     picks = [draws.sample(rng) for _ in range(50)]

@@ -126,6 +126,13 @@ def test_a_silent_network():
     assert {"states a second", "gamepad", "battery", "poses of localization a second"} <= set(failed(rows))
 
 
+@pytest.mark.parametrize("kept", [slice(30, None), slice(None, -30)])
+def test_a_robot_that_is_silent_at_first_or_in_the_end(sound, kept):
+    """For 60 ms: the rate alone does not tell."""
+    some = sound.__class__(**{**vars(sound), "states": sound.states[kept], "state_s": sound.state_s[kept]})
+    assert failed(all_rows(some, stands=True)) == ["longest gap between states"]
+
+
 ORDER = ("left_knee_joint", "waist_yaw_joint")
 
 
@@ -152,6 +159,8 @@ def test_the_order_of_the_joints():
         RobotCheckConfig(joints=("left_knee",))
     with pytest.raises(UnknownName):
         Lab(move=("knee@1s",))
+    with pytest.raises(InvalidConfig, match="leave the duration out"):
+        Lab(move=("left_knee_joint@1s+5s",))
     assert len(RobotCheckConfig(joints=("all",)).asked) == 29 == len(Move.parse("all@1s"))
 
 

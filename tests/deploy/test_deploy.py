@@ -33,6 +33,7 @@ from hotice.deploy.slot import GuardSlot, SlotError, SlotWatch
 from hotice.deploy.slot.records import STATUS, TARGETS
 from hotice.deploy.slot.slot import slot_path
 from hotice.errors import CheckpointError, InvalidConfig
+from hotice.machine import usable_cores
 from hotice.model import load_scene
 from hotice.model.source import MapSource
 
@@ -268,6 +269,18 @@ class Frames:
         return self.over
 
 
+class Load:
+    """What others ask of this machine's cores, beside a test that runs a robot, its runner and its guard."""
+
+    def __init__(self):
+        self._before = os.getloadavg()[0]
+
+    @property
+    def busy(self):
+        """Whether somebody else may have kept them from being in time: on an idle machine late is a defect."""
+        return self._before > 0.5 * usable_cores() or os.getloadavg()[0] > usable_cores()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("heading", ["From start to carried box, simulated", "From a map to a carried box, simulated"])
 def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path):
@@ -275,7 +288,7 @@ def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path)
 
     The commands are the page's; where they are to run beside others, and what is looked at, is added behind.
     """
-    network = shared()
+    network, load = shared(), Load()
     *before, first, second = page_commands(heading)
     assert (first[0], second[0]) == ("deploy", "robot-sim") and "--press" in second
     for command in before:
@@ -289,10 +302,11 @@ def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path)
     assert robot.end() == 0
     deploy.interrupt()
     assert deploy.end() == 0, deploy.text
-    if float(re.search(r"worst (\d+\.\d+) ms", robot.text)[1]) > STATE_MS:
+    if load.busy and float(re.search(r"worst (\d+\.\d+) ms", robot.text)[1]) > STATE_MS:
         assert "state is" in deploy.text
         pytest.skip("this machine was too busy for 500 steps a second: the guard rightly braked, or might have")
-    if late := re.search(r"damping: (state is|targets are) 0\.[01]\d+ s old", deploy.text):
+    late = re.search(r"damping: (state is|targets are) 0\.[01]\d+ s old", deploy.text)
+    if load.busy and late:
         pytest.skip(f"this machine was too busy, the guard rightly braked: {late[0]}")
     modes = [line.split(":")[0] for line in deploy.lines if re.search(r"(asked|stopped) by the operator|reached", line)]
     assert modes == ["damping", "posture", "ready", "carry", "hold", "lower", "damping"], deploy.text

@@ -201,3 +201,6 @@ def test_limits_in_the_wrong_order():
         GuardLimits(target_posture_s=0.2)
     with pytest.raises(InvalidConfig, match="lean_rad"):
         GuardLimits(lean_rad=np.nan)
+    for name in ("lean_rad", "falling_rad"):
+        with pytest.raises(InvalidConfig, match=name):
+            GuardLimits(**{name: 60.0})

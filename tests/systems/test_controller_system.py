@@ -149,5 +149,24 @@ def test_what_a_controller_cannot_answer_is_a_fault_with_its_message(robot_state
     assert seen[3:] == [(good, 3.0, gave_up), (good, 4.0, gave_up), (bad, 5.0, fell_back), (good, 6.0, fell_back)]
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1e6])
+def test_no_step_is_made_with_a_velocity_that_cannot_be(robot_state, bad):
+    """The memory stays what it was: what came of NaN would stay there."""
+    system = ControllerSystem(Counter(), ("first", "later"), np.full(20, -1.0))
+    simulator = start(system, robot_state)
+    simulator.AdvanceTo(0.001)
+    torque, steps = outputs(system, simulator)[0], system.memory(simulator.get_context()).steps
+    wrong = robot_state.copy()
+    wrong[JOINT_VEL[3]] = bad
+    system.GetInputPort("robot_state").FixValue(
+        system.GetMyMutableContextFromRoot(simulator.get_mutable_context()), wrong
+    )
+    simulator.AdvanceTo(0.011)
+    context = simulator.get_context()
+    assert Fault(int(system.GetOutputPort("status").Eval(context)[1])) is Fault.STATE_IMPOSSIBLE
+    assert system.memory(context).steps == steps and "no step was made" in system.message(context)
+    np.testing.assert_array_equal(outputs(system, simulator)[0], torque)
+
+
 def test_a_message_can_be_written_whatever_it_holds():
     assert message_of(ValueError("a\n  file \udcff.stl")) == "ValueError: a file \\udcff.stl"

@@ -227,6 +227,15 @@ def test_a_frozen_tick_a_late_one_and_none(posture, robot_state):
     assert [a for a, _ in answers] == [Answer.PASS] * 3 + [Answer.DAMP] * 2 and counts == {Fault.STATE_MISSING: 5}
 
 
+@pytest.mark.parametrize("code", [len(Fault), 1e9, np.inf, np.nan])
+def test_a_fault_that_does_not_exist_is_one_all_the_same(posture, robot_state, code):
+    """And is written nowhere else: compiled loops do not look where they write."""
+    w = Watched(posture, robot_state)
+    for _ in range(3):
+        w.step(status=[0.02 * w.k, code], sources=[0.02 * w.k, 0.02 * w.k, 0.0, code])
+    assert w.counts == {Fault.CONTROLLER_ERROR: 3, Fault.POSE_INVALID: 3}
+
+
 def test_stamps_from_the_future(posture, robot_state):
     """A clock that is wrong would hide all that comes late afterwards."""
     w = Watched(posture, robot_state)

@@ -10,7 +10,6 @@ import hashlib
 import io
 import json
 import warnings
-import zipfile
 from dataclasses import fields
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
@@ -18,14 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
+from hotice.archives import read_arrays
 from hotice.caches import cache_folder
 from hotice.control.pick_plan.plan import Durations, PickPlan
 from hotice.control.pick_plan.task import PickTask
+from hotice.errors import InputError
 from hotice.files import make_folder, write_bytes
 from hotice.model import g1
 
 MOST_FILES = 2000
-MAX_BYTES = 2**20
+MAX_BYTES, MAX_UNPACKED = 2**20, 2**24
 SOLVERS = ("drake", "casadi", "adam-robotics", "pin", "mujoco")
 _PACKAGE = Path(__file__).resolve().parent
 _MODEL = ("builder", "carry", "frames", "g1", "least_squares", "objects", "self_contact")
@@ -76,16 +77,14 @@ def save(folder: Path, key: str, plan: PickPlan) -> None:
 def load(folder: Path, key: str) -> PickPlan | None:
     """The plan of that key; None where there is none or, with a warning, a damaged one."""
     path = folder / f"{key}.npz"
+    if not path.exists():
+        return None
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ValueError("too large")
-        with np.load(path, allow_pickle=False) as file:
-            found = {field.name: file[field.name] for field in fields(PickPlan)}
+        arrays = read_arrays(path, MAX_BYTES, MAX_UNPACKED)
+        found = {field.name: arrays[field.name] for field in fields(PickPlan)}
         found["lift_knots"], found["back_m"] = int(found["lift_knots"]), float(found["back_m"])
         return PickPlan(**found)
-    except FileNotFoundError:
-        return None
-    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zipfile.LargeZipFile):
+    except (InputError, ValueError, KeyError, TypeError):
         warnings.warn(f"{path} is damaged: its pick is planned again", BrokenPlanFile, stacklevel=2)
         return None
 

@@ -63,9 +63,11 @@ def all_rows(observed: Observed, *, source: MapSource | None = None, stands: boo
 
 def _of_states(observed: Observed) -> Iterator[Row]:
     rate = len(observed.states) / observed.seconds
-    gaps_ms = 1e3 * np.diff(observed.state_s)
+    # who falls silent is so until the end
+    ends_s = (observed.began_s, observed.began_s + observed.seconds)
+    gaps_ms = 1e3 * np.diff([ends_s[0], *observed.state_s, ends_s[1]])
     limit_ms = 1e3 * GuardLimits().state_warn_s
-    worst = float(gaps_ms.max()) if len(gaps_ms) else math.inf
+    worst = float(gaps_ms.max())
     yield Row("states a second", f"{rate:.0f}", f"{STATE_HZ:.0f} at least", rate >= STATE_HZ)
     yield Row("longest gap between states", f"{worst:.1f} ms", f"{limit_ms:.0f} ms at most", worst <= limit_ms)
     yield Row("states refused", f"{observed.refused}", "none", observed.refused == 0)

@@ -22,8 +22,9 @@ LONGEST = checks.Range(least=1, most=600, unit="s")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observed:
-    """What came in `seconds`."""
+    """What came in `seconds`, from `began_s` [s] on the clock of whoever watches."""
 
+    began_s: float
     seconds: float
     states: tuple[np.ndarray, ...]
     """LowState records ()."""
@@ -55,7 +56,8 @@ def watch_robot(
 ) -> Observed:
     """Watches for some seconds; sends nothing. Raises `InvalidConfig`, and `LinkError` for what is closed."""
     checks.number("seconds", seconds, LONGEST)
-    before, end_s = link.counts(), clock.now() + seconds
+    before, began_s = link.counts(), clock.now()
+    end_s = began_s + seconds
     states: dict[int, tuple[float, np.ndarray]] = {}
     places: dict[int, tuple[float, PoseSample]] = {}
     pictures: dict[int, tuple[float, TagSample]] = {}
@@ -75,6 +77,7 @@ def watch_robot(
     lateness = run_loop(tick, clock, RATE_HZ, lambda: clock.now() < end_s)
     after = link.counts()
     return Observed(
+        began_s=began_s,
         seconds=seconds,
         states=tuple(record for _, record in states.values()),
         state_s=np.array([s for s, _ in states.values()]),

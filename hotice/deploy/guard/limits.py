@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from hotice import checks
@@ -38,9 +39,9 @@ class GuardLimits:
     """Largest torque that a target may ask of its servo, as a share of the joint's limit; in a good walk 1.22
     (measured). What is sent asks for at most 1."""
     lean_rad: float = _MEASURED.tilt_rad
-    """Lean of the pelvis beyond which the robot falls."""
+    """Lean of the pelvis beyond which the robot falls, at most π."""
     falling_rad: float = _MEASURED.falling_rad
-    """Lean that the pelvis will have 0.15 s ahead, at its present rate, beyond which it falls."""
+    """Lean that the pelvis will have 0.15 s ahead, at its present rate, beyond which it falls; at most π."""
     falling_s: float = FALLING_S
     """How long states must say so."""
     joint_rad_s: float = _MEASURED.joint_speed_rad_s
@@ -69,6 +70,9 @@ class GuardLimits:
     """How long nobody else may have sent commands before a start."""
 
     def __post_init__(self) -> None:
+        for name in ("lean_rad", "falling_rad"):
+            # no lean is beyond π: one in degrees would never act
+            checks.number(name, getattr(self, name), checks.Range(above=0, most=math.pi, unit="rad"))
         whole = ("refused_states", "refused_targets")
         checks.numbers(self, checks.POSITIVE, but=whole)
         checks.wholes(self, checks.Range(least=1, most=1000), *whole)

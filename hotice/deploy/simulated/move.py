@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hotice.deploy.simulated.timed import timed
-from hotice.errors import UnknownName
+from hotice.errors import InvalidConfig, UnknownName
 from hotice.model import g1
 
 ALL = "all"
@@ -23,7 +23,9 @@ class Move:
     @classmethod
     def parse(cls, text: str) -> list[Move]:
         """From `JOINT@STARTs`, or `all@STARTs` for each joint in turn. Raises `UnknownName`, `InvalidConfig`."""
-        what, from_s, _ = timed("move", text, "left_knee_joint@3s or all@5s")
+        what, from_s, for_s = timed("move", text, "left_knee_joint@3s or all@5s")
+        if for_s is not None:
+            raise InvalidConfig(f"move is {text!r}: a joint is moved for {MOVE_S:g} s; leave the duration out")
         if what == ALL:
             return [cls(joint=i, from_s=from_s + i * (MOVE_S + PAUSE_S)) for i in range(len(g1.ALL_JOINTS))]
         if what not in g1.ALL_JOINTS:

@@ -8,7 +8,6 @@ far the pelvis is from where it should be over the feet. No force is read anywhe
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -17,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hotice.archives import read_arrays
 from hotice.errors import InputError, InvalidObject, InvalidState
-from hotice.files import read_bytes, write_bytes
+from hotice.files import write_bytes
 from hotice.model import g1
 from hotice.model.frames import quat_from_yaw
 from hotice.model.objects import Box, CarriedObject, Cylinder, Sphere
@@ -41,6 +41,8 @@ TRACK_PLACE, TRACK_RATE = 0.3, 0.05
 """Gains of the alpha-beta filter of the pelvis' offset as a robot knows it: encoders and IMU are noisy, and a rate of
 raw differences would be noise alone."""
 MAX_BYTES = 2**30
+MOST = 1e3
+"""Of any number in a book."""
 SHAPES = ("box", "cylinder", "sphere")
 
 
@@ -82,7 +84,7 @@ class PickBook:
             carry state, from the pelvis [m]; lean: (M,) of the pelvis there [rad].
         wrist: (M, 6) locked wrists [rad]. squeeze: (M,) force of each hand at the end [N].
 
-    Raises `InvalidState` for shapes that do not belong together or numbers that are not finite.
+    Raises `InvalidState` for shapes that do not belong together or numbers that cannot be.
     """
 
     joint_pos: Array
@@ -110,16 +112,23 @@ class PickBook:
             value = np.asarray(getattr(self, name))
             if value.shape != shape or not m or not k:
                 raise InvalidState(f"{name} of a book of picks has shape {value.shape}: {shape} is needed, not empty")
-            if value.dtype.kind not in "iuf" or not np.isfinite(value).all():
+            if value.dtype.kind not in "iuf" or not np.isfinite(value).all() or np.abs(value).max() > MOST:
                 raise InvalidState(
-                    f"{name} of a book of picks is {value.dtype}, or not finite: finite numbers are needed"
+                    f"{name} of a book of picks is {value.dtype}, not finite or large: numbers up to {MOST:g} needed"
                 )
         for name, known in (("shape", SHAPES), ("phase", BOOK_PHASES)):
             value = np.asarray(getattr(self, name))
-            if value.min() < 0 or value.max() >= len(known):
+            if value.dtype.kind == "f" or value.min() < 0 or value.max() >= len(known):
                 raise InvalidState(
-                    f"{name} of a book of picks has {int(value.max())}: allowed are 0 to {len(known) - 1}"
+                    f"{name} of a book of picks is {value.dtype}, up to {value.max():g}: whole numbers from 0 to "
+                    f"{len(known) - 1} are needed"
                 )
+        if (np.diff(np.asarray(self.phase, dtype=np.int64)) < 0).any():
+            raise InvalidState("phase of a book of picks goes back: phases in their order are needed")
+        if (np.asarray(self.support) <= 0.0).any():
+            raise InvalidState("support of a book of picks has a height or distance that is not above 0 m")
+        if not np.allclose(np.linalg.norm(np.asarray(self.start)[:, g1.ROOT_QUAT], axis=1), 1.0, atol=1e-3):
+            raise InvalidState("start of a book of picks has a quaternion whose length is not 1")
 
     def __len__(self) -> int:
         return len(self.mass)
@@ -167,16 +176,16 @@ class PickBook:
     def load(cls, path: Path | str) -> PickBook:
         """Reads what `save` wrote. Raises `InvalidState`, saying what is wrong with the file."""
         try:
-            content = read_bytes(path, MAX_BYTES)
-            with zipfile.ZipFile(io.BytesIO(content)) as packed:
-                if sum(entry.file_size for entry in packed.infolist()) > MAX_BYTES:
-                    raise InvalidState(f"it unpacks to more than {MAX_BYTES >> 20} MiB")
-            with np.load(io.BytesIO(content), allow_pickle=False) as file:
-                book = cls(**{f.name: file[f.name] for f in fields(cls)})
-            for row in range(len(book)):
-                book.carried(row)
-            return book
+            arrays = read_arrays(path, MAX_BYTES, MAX_BYTES)
         except InputError as error:
             raise InvalidState(str(error)) from None
-        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, InvalidObject, InvalidState) as error:
+        missing = [f.name for f in fields(cls) if f.name not in arrays]
+        if missing:
+            raise InvalidState(f"{path} is no book of picks: {', '.join(missing)} not in it")
+        try:
+            book = cls(**{f.name: arrays[f.name] for f in fields(cls)})
+            for row in range(len(book)):
+                book.carried(row)
+        except (InvalidObject, InvalidState) as error:
             raise InvalidState(f"{path} is no book of picks: {error}") from None
+        return book

@@ -43,7 +43,7 @@ SEEDS = 2**31
 WATCHED_OF_POLICY = ("guidance",)
 """Signals that the safety monitor watches where the controller is a policy; others do not read fields."""
 TOLD_TO_STAND = ("policy", "walk", "pickup")
-"""Systems that come to a stand when they are told; `hold` does nothing else."""
+"""Systems that come to a stand when they are told; `hold` keeps its posture whatever it is told."""
 
 
 class Station(Diagram):
@@ -107,7 +107,8 @@ def make_station(
     Args:
         config: numbers of the station.
         plant: mujoco, or drake (a MultibodyPlant of the same robot, object and scene).
-        controller: policy; hold (stands with the object); walk, pickup (`hotice.control`); pickup_then_policy.
+        controller: policy; hold (keeps the carry posture; nobody balances, so that it topples within seconds); walk,
+            pickup (`hotice.control`); pickup_then_policy.
         meshcat: a pydrake Meshcat to draw into; None: no visualizer.
         faults: of signals, to see what the station does about them; those of guidance for the controller `policy`
             alone.
