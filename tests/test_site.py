@@ -30,6 +30,12 @@ def test_a_link_to_no_file_is_an_error(root):
         site.gather(root / "source")
 
 
+def test_the_first_page_and_the_menu_lead_to_every_page():
+    pages = {page.name for page in (site.ROOT / "docs").glob("*.md")} - {"index.md"}
+    first, menu = ((site.ROOT / name).read_text(encoding="utf-8") for name in ("docs/index.md", "mkdocs.yml"))
+    assert [page for page in sorted(pages) if f"({page})" not in first or f": {page}" not in menu] == []
+
+
 @pytest.mark.parametrize("text, ok", [("[up](#a-head)", True), ("[gone](gone.md)", False), ("[up](#no-head)", False)])
 def test_what_mkdocs_warns_of_fails(root, text, ok):
     pytest.importorskip("material")

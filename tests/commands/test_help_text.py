@@ -7,10 +7,14 @@ import pytest
 from tyro.constructors import MISSING, ConstructorRegistry, StructTypeInfo
 
 from hotice.commands.line.help_text import unbroken_help, whole_paragraphs
-from hotice.commands.line.options import OPTIONS, SCENE_OPTIONS
+from hotice.commands.line.options import OPTIONS, PICKUP_OPTIONS, SCENE_OPTIONS
 from hotice.commands.program import main
 
-CONFIGS = {**OPTIONS, **{f"scene {name}": kind for name, kind in SCENE_OPTIONS.items()}}
+CONFIGS = {
+    **OPTIONS,
+    **{f"scene {name}": kind for name, kind in SCENE_OPTIONS.items()},
+    **{f"pickup {name}": kind for name, kind in PICKUP_OPTIONS.items()},
+}
 
 
 def help_texts(config):

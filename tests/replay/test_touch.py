@@ -29,8 +29,8 @@ def world(obstacles=POST):
     return mujoco.MjModel.from_xml_string(WORLD.format(obstacles=obstacles))
 
 
-def ahead(model, *xs, object_x=0.0):
-    """States in which the trunk is at each x, and the object at y = 5 but where it is said."""
+def ahead(model, *xs):
+    """States in which the trunk is at each x, and the object at y = 5."""
     qpos = np.tile(model.qpos0, (len(xs), 1))
     qpos[:, 0] = xs
     return qpos
