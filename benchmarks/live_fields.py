@@ -22,7 +22,7 @@ from rich.table import Table
 
 from benchmarks.arguments import a_count, a_seed
 from hotice.console import PlainConsole
-from hotice.errors import HoticeError
+from hotice.errors import HoticeError, InvalidScene
 from hotice.fields import LiveField
 from hotice.fields.hod_pf import HodPf, hod_pf_of
 from hotice.fields.volumes import solve_scene
@@ -102,6 +102,8 @@ def main(arguments: list[str] | None = None) -> int:
     console, rng = PlainConsole(width=None if sys.stdout.isatty() else 120), np.random.default_rng(args.seed)
     try:
         scenes = [scene for scene in resolve_scenes(args.scenes) if scene.obstacles]
+        if not scenes:
+            raise InvalidScene(f"no obstacles in {', '.join(args.scenes)}: scenes with something to move are needed")
     except HoticeError as error:
         print(f"live_fields: {error}", file=sys.stderr)
         return 2

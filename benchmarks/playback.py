@@ -11,7 +11,9 @@ plan has it. `--exact`: the nominal robot, no noise. Success: in the carry state
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from rich.progress import track
 
 from benchmarks.arguments import a_count, a_seed
 from hotice.control.playback import Player
+from hotice.errors import HoticeError, InvalidState
 from hotice.evaluate.trials import success_interval
 from hotice.model import g1
 from hotice.model.picks.book import SHAPES, PickBook
@@ -34,7 +37,7 @@ def play(book: PickBook, exact: bool, seed: int) -> list[str]:
     """Outcome of each pick of the book."""
     task = pickup_task(TaskConfig())
     if exact:
-        task = TaskConfig(**{**vars(task), "dynamics": get_protocol("robot").nominal})
+        task = replace(task, dynamics=get_protocol("robot").nominal)
     else:
         task = perturbed(task)
     env = PickUpEnv(len(book), book, seed=seed, config=task, threads=1)
@@ -67,20 +70,27 @@ def play(book: PickBook, exact: bool, seed: int) -> list[str]:
     return [OUTCOMES[c] for c in code]
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--picks", type=Path, required=True)
     parser.add_argument("--shape", choices=SHAPES, default=None)
     parser.add_argument("--count", type=a_count, default=50)
     parser.add_argument("--seed", type=a_seed, default=0)
     parser.add_argument("--exact", action="store_true", help="without noise, the nominal robot")
-    args = parser.parse_args()
-    book = PickBook.load(args.picks)
-    wanted = [i for i in range(len(book)) if args.shape in (None, SHAPES[int(book.shape[i])])][: args.count]
-    found = Counter(play(book.rows(wanted), args.exact, args.seed))
+    args = parser.parse_args(arguments)
+    try:
+        book = PickBook.load(args.picks)
+        wanted = [i for i in range(len(book)) if args.shape in (None, SHAPES[int(book.shape[i])])][: args.count]
+        if not wanted:
+            raise InvalidState(f"no {args.shape} in {args.picks}: another --shape is needed")
+        found = Counter(play(book.rows(wanted), args.exact, args.seed))
+    except HoticeError as error:
+        print(f"playback: {error}", file=sys.stderr)
+        return 2
     low, high = success_interval(found["success"], len(wanted))
     print(f"{found['success']} of {len(wanted)} ({low:.1%} to {high:.1%}); {dict(found.most_common())}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -100,15 +100,13 @@ def run(config: DemoConfig) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Command line; see `hotice.commands.program.guarded`."""
-    import tyro
-
-    from hotice.commands.line.help_text import unbroken_help
+    from hotice.commands.line.catalog import Entry
+    from hotice.commands.line.parse import parse
     from hotice.commands.program import guarded
 
     def work() -> int:
-        with unbroken_help():
-            config = tyro.cli(DemoConfig, args=argv, prog="python -m hotice.demo", description=__doc__)
-        run(config)
+        words = sys.argv[1:] if argv is None else argv
+        run(parse(DemoConfig, words, "python -m", Entry("hotice.demo", __doc__ or "")))
         return 0
 
     return guarded(work)

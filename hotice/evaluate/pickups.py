@@ -56,7 +56,7 @@ def evaluate_picks(config: PickEvaluateConfig) -> list[PickScore]:
         policy = load_policy(config.policy, config.threads)
         known = policy.meta["task"]
         names = ("leg_scale_rad", "arm_scale_rad", "action_limit", "history")
-        task = replace(task, **{name: known[name] for name in names})
+        task = replace(task, **{name: known[name] for name in names if name in known})
     protocol = get_protocol("robot")
     task = perturbed(task) if config.perturbed else replace(task, dynamics=protocol.nominal)
     codes, times = [], []

@@ -13,7 +13,7 @@ GROUPS = {"": OPTIONS, "scene": SCENE_OPTIONS, "pickup": PICKUP_OPTIONS}
 LINE = re.compile(r"\bhotice +(?:(scene|pickup) +)?([a-z][\w-]*)((?:[^`\n|#]|\\\|)*)")
 NOT_THERE = {("train", "task")}
 """What a page names to say that it is not there (docs/pickup.md)."""
-OTHER_NAMES = {("play", "scene"): "scenes"}
+OTHER_NAMES: dict[tuple[str, str], str] = {("play", "scene"): "scenes"}
 PAGES = [path for pattern in ("*.md", "docs/*.md", "hotice/policies/*.md") for path in sorted(ROOT.glob(pattern))]
 
 

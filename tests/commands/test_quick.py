@@ -107,7 +107,7 @@ def test_completion_knows_commands_and_options(capsys):
     assert "robot-check" in shown and "--rollouts" in shown
 
 
-@pytest.mark.parametrize("command", [[], ["play"], ["scene", "check"]])
+@pytest.mark.parametrize("command", [[], ["play"], ["scene", "check"], ["deploy", "replay"]])
 @pytest.mark.parametrize(
     "words, message",
     [

@@ -252,6 +252,7 @@ def test_a_start_beyond_the_range_of_a_joint_is_refused(planner):
 
 
 NOT_HASHED = {
+    "hotice.archives": "refuses files, changes no plan",
     "hotice.caches": "where plans are kept",
     "hotice.checks": "refuses numbers, changes none",
     "hotice.compiled": "the same mathematics, compiled",

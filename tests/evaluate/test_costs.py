@@ -1,5 +1,6 @@
 """Costs of perturbations, `benchmarks.costs`."""
 
+import importlib
 import json
 from dataclasses import fields
 from pathlib import Path
@@ -77,3 +78,15 @@ def test_one_trial_each(tmp_path):
     results = json.loads(out.read_text())
     assert set(results) == {BASE, "without pushes"}
     assert all(r["success"] in (0.0, 1.0) for r in results.values())
+
+
+@pytest.mark.parametrize(
+    "benchmark, line, message",
+    [
+        ("playback", ["--picks", "nope.npz"], "playback: nope.npz: no such file"),
+        ("live_fields", ["--scenes", "nope"], "live_fields: "),
+    ],
+)
+def test_what_is_not_there_is_said_by_benchmarks(benchmark, line, message, capsys):
+    assert importlib.import_module(f"benchmarks.{benchmark}").main(line) == 2
+    assert message in capsys.readouterr().err

@@ -51,7 +51,7 @@ def test_cached_bank_equals_a_fresh_one_and_is_solved_once(tmp_path, solved):
     same(fresh, first)
     same(fresh, second)
     FieldBank.build([*scenes(), *scenes(6)[4:]], H, cache=tmp_path)
-    assert solved[8:] == ["s4", "s5"]
+    assert sorted(solved[8:]) == ["s4", "s5"]
     assert not [p for p in tmp_path.iterdir() if p.suffix == ".tmp"]
 
 

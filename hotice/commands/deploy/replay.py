@@ -10,6 +10,8 @@ from pathlib import Path
 
 import tyro
 
+from hotice.commands.line.catalog import Entry
+from hotice.commands.line.parse import parse
 from hotice.console import PlainConsole
 from hotice.errors import HoticeError
 from hotice.files import check_writable
@@ -31,9 +33,12 @@ class ReplayConfig:
     """Write an .mcap file for Foxglove and the like: estimate, guidance, targets, modes, faults (extra `mcap`)."""
 
 
+EXAMPLES = ("hotice deploy replay LOG", "hotice deploy replay LOG --html replay.html --mcap replay.mcap")
+
+
 def main(argv: list[str]) -> int:
     """Runs the command. Raises `HoticeError`, `ReplayDiffers` too."""
-    config = tyro.cli(ReplayConfig, args=argv, prog="hotice deploy replay", description=__doc__)
+    config = parse(ReplayConfig, argv, "hotice deploy", Entry("replay", __doc__ or "", EXAMPLES))
     console = PlainConsole()
     if config.html is not None or config.mcap is not None:
         _write(config, console)

@@ -43,10 +43,11 @@ def completion(commands: dict[str, Callable], options: dict[str, type], argv: Se
 
 def _check_completion(argv: Sequence[str]) -> None:
     """Raises `UnknownName` for another shell, `OutputError` for a file that cannot be written."""
-    if len(argv) > 1 and argv[0] in ("--tyro-print-completion", "--tyro-write-completion"):
+    asked = argv[0].replace("_", "-") if argv else ""
+    if len(argv) > 1 and asked in ("--tyro-print-completion", "--tyro-write-completion"):
         if argv[1] not in SHELLS:
             raise UnknownName("shell", argv[1], SHELLS)
-        if argv[0] == "--tyro-write-completion" and len(argv) > 2:
+        if asked == "--tyro-write-completion" and len(argv) > 2:
             check_writable(Path(argv[2]))
 
 
