@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
+import shutil
 import tempfile
 import threading
 import time
@@ -101,14 +103,14 @@ class LiveField:
             cost_s=time.process_time() - begin[1],
             joined=tuple(joins_start(scene, nodes.grid, reached) for reached in nodes.reached),
         )
-        folder = tempfile.TemporaryDirectory(prefix="hotice-", dir=MEMORY if MEMORY.is_dir() else None)
+        folder = tempfile.mkdtemp(prefix="hotice-", dir=MEMORY if MEMORY.is_dir() else None)
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        arguments = (theirs, folder.name, resolution_m, margins, threads)
+        arguments = (theirs, folder, resolution_m, margins, threads)
         self._worker = context.Process(target=serve, args=arguments, daemon=True)
+        self._close = weakref.finalize(self, _end, os.getpid(), self._pipe, self._worker, folder)
         self._worker.start()
         theirs.close()
-        self._close = weakref.finalize(self, _end, self._pipe, self._worker, folder)
         threading.Thread(target=_receive, args=(weakref.ref(self), self._pipe), daemon=True).start()
 
     def __enter__(self) -> LiveField:
@@ -119,7 +121,7 @@ class LiveField:
 
     def close(self) -> None:
         """Ends the worker; the newest fields can be read on, and no change is taken any more."""
-        self._ended = True
+        self._lose()
         self._close()
 
     @property
@@ -183,28 +185,31 @@ class LiveField:
             since_s = self._waiting.since_s if self._waiting else now_s
             self._waiting = _Asked(version=self._given, scene=scene, given_s=now_s, since_s=since_s)
             if not self._building:
-                self._ask()
+                self._ask(self._waiting)
             return self._given
 
     def move(self, poses: Mapping[str, tuple[Vec3, Quat]]) -> int:
         """Places obstacles, by name: position [m] and quaternion (w, x, y, z) in W. Raises also `UnknownName`."""
-        now = dict(self._obstacles)
-        for name, (position_m, quaternion_wxyz) in poses.items():
-            if name not in now:
-                raise UnknownName("obstacle", name, now)
-            now[name] = replace(now[name], position_m=position_m, quaternion_wxyz=quaternion_wxyz)
-        return self.show(now.values())
+        with self._changed:
+            now = dict(self._obstacles)
+            for name, (position_m, quaternion_wxyz) in poses.items():
+                if name not in now:
+                    raise UnknownName("obstacle", name, now)
+                now[name] = replace(now[name], position_m=position_m, quaternion_wxyz=quaternion_wxyz)
+            return self.show(now.values())
 
     def add(self, *obstacles: Obstacle) -> int:
         """Adds obstacles. Raises as `show`."""
-        return self.show((*self._obstacles.values(), *obstacles))
+        with self._changed:
+            return self.show((*self._obstacles.values(), *obstacles))
 
     def remove(self, *names: str) -> int:
         """Takes obstacles away. Raises also `UnknownName`."""
-        for name in names:
-            if name not in self._obstacles:
-                raise UnknownName("obstacle", name, self._obstacles)
-        return self.show(obstacle for name, obstacle in self._obstacles.items() if name not in names)
+        with self._changed:
+            for name in names:
+                if name not in self._obstacles:
+                    raise UnknownName("obstacle", name, self._obstacles)
+            return self.show([obstacle for name, obstacle in self._obstacles.items() if name not in names])
 
     def wait(self, version: int | None = None, timeout_s: float = 60.0) -> Built:
         """The newest pair as soon as it shows this version, by default the last one given.
@@ -228,26 +233,25 @@ class LiveField:
         if self._ended:
             raise FieldsNotBuilt("the process that builds fields has ended: make a new LiveField")
 
-    def _ask(self) -> None:
+    def _ask(self, waiting: _Asked) -> None:
         """Gives the waiting scene to the worker, which has none."""
-        self._building, self._waiting = self._waiting, None
         try:
-            self._pipe.send(self._building.scene if self._building else None)
+            self._pipe.send(waiting.scene)
         except OSError:
-            self._ended = True
+            self._lose()
             self._check_worker()
+        self._building, self._waiting = waiting, None
 
     def _take(self, answer: Solved | Refused) -> None:
-        """What the worker says of the scene that it was given."""
+        """What the worker says of the scene that it was given; nothing is taken any more once all has ended."""
         with self._changed:
             asked = self._building
-            if not asked:
-                raise RuntimeError("the process that builds fields answered twice")
+            if self._ended or not asked:
+                return
             if isinstance(answer, Refused):
                 earlier_s = self._refused[0].since_s if self._refused else asked.since_s
                 self._refused = replace(asked, since_s=earlier_s), answer.reason
             else:
-                self._refused = None
                 self._built = Built(
                     fields=hod_pf_of(asked.scene, answer.take(), self.margin_m, self.params),
                     version=asked.version,
@@ -256,13 +260,14 @@ class LiveField:
                     cost_s=answer.cost_s,
                     joined=answer.joined,
                 )
+                self._refused = None
             self._building = None
-            if self._waiting:
-                self._ask()
             self._changed.notify_all()
+            if self._waiting:
+                self._ask(self._waiting)
 
     def _lose(self) -> None:
-        """The worker has ended."""
+        """The worker has ended, or nobody hears it any more."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
@@ -273,28 +278,32 @@ def _momentary(scene: Scene, obstacles: Iterable[Obstacle]) -> MomentaryScene:
 
 
 def _receive(field: weakref.ref[LiveField], pipe: Connection) -> None:
-    """Hands answers on, for as long as there are a field and a worker."""
-    while True:
-        try:
-            answer = pipe.recv()
-        except (EOFError, OSError):
-            answer = None
+    """Hands answers on, for as long as there are a field and a worker; however it ends, nobody waits in vain."""
+    try:
+        # EOFError, OSError: the worker, or its pipe, is gone; FieldsNotBuilt: so it is when the next scene is given
+        with contextlib.suppress(EOFError, OSError, FieldsNotBuilt):
+            while True:
+                answer = pipe.recv()
+                here = field()
+                if here is None:
+                    return
+                here._take(answer)
+                del here
+    finally:
         here = field()
-        if here is None:
-            return
-        if answer is None:
+        if here is not None:
             here._lose()
-            return
-        with contextlib.suppress(FieldsNotBuilt):
-            here._take(answer)
-        del here
 
 
-def _end(pipe: Connection, worker: BaseProcess, folder: tempfile.TemporaryDirectory[str]) -> None:
+def _end(owner: int, pipe: Connection, worker: BaseProcess, folder: str) -> None:
+    """Ends the worker and removes its files; a fork of the process that made them leaves both alone."""
+    if os.getpid() != owner:
+        return
     with contextlib.suppress(OSError):
         pipe.send(None)
-    worker.join(END_S)
-    if worker.is_alive():
-        worker.kill()
-        worker.join()
-    folder.cleanup()
+    if worker.pid is not None:
+        worker.join(END_S)
+        if worker.is_alive():
+            worker.kill()
+            worker.join()
+    shutil.rmtree(folder, ignore_errors=True)

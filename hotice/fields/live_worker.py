@@ -6,9 +6,9 @@ maps it, removes its name at once, and it lasts as long as fields read it.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import mmap
+import shutil
 import signal
 import time
 from collections.abc import Iterator
@@ -63,18 +63,27 @@ class Refused:
 
 
 def serve(pipe: Connection, folder: str, resolution_m: float, margins_m: tuple[float, ...], threads: int) -> None:
-    """Builds each scene that comes, until `None` does or the other end is gone."""
+    """Builds each scene that comes, until `None` does or the other end is gone.
+
+    Where it is gone without a `None`, killed, nobody else removes the folder.
+    """
     # Ctrl-C is for whoever started this process; it ends it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     number = 0
-    with contextlib.suppress(EOFError, OSError):
+    try:
         while (scene := pipe.recv()) is not None:
             number += 1
+            path = Path(folder) / f"{number}"
             try:
-                answer: Solved | Refused = _solve(scene, Path(folder) / f"{number}", resolution_m, margins_m, threads)
+                answer: Solved | Refused = _solve(scene, path, resolution_m, margins_m, threads)
             except HoticeError as error:
                 answer = Refused(reason=str(error))
+            except OSError as error:
+                path.unlink(missing_ok=True)
+                answer = Refused(reason=f"fields cannot be kept in {path}: {error.strerror or error}: make room there")
             pipe.send(answer)
+    except (EOFError, OSError):
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _solve(scene: Scene, path: Path, resolution_m: float, margins_m: tuple[float, ...], threads: int) -> Solved:

@@ -2,12 +2,17 @@
 
 import gc
 import os
+import shutil
 import signal
+import subprocess
+import sys
+import threading
 import time
 
 import numpy as np
 import pytest
 
+import hotice.fields.live as module
 from hotice.errors import FieldsNotBuilt, InvalidScene, UnknownName
 from hotice.fields import LiveField, build_hod_pf
 from hotice.fields.live import MEMORY
@@ -167,3 +172,80 @@ def test_a_field_that_nobody_holds_ends_its_worker():
     gc.collect()
     worker.join(10.0)
     assert worker.exitcode == 0 and files() <= known
+
+
+@pytest.mark.skipif(not MEMORY.is_dir(), reason="files are not memory here")
+def test_where_files_find_no_room_the_scene_is_refused_and_the_next_one_is_built():
+    known = files()
+    with LiveField(Scene("room"), **COARSE) as live:
+        (folder,) = files() - known
+        shutil.rmtree(folder)
+        live.show([post(1.0, 0.0)])
+        with pytest.raises(FieldsNotBuilt, match="cannot be kept in .* No such file"):
+            live.wait()
+        folder.mkdir()
+        live.show([post(1.0, 0.1)])
+        expect_fresh(live.wait().fields, [post(1.0, 0.1)])
+    assert files() <= known
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_nobody_waits_in_vain_when_answers_cannot_be_taken(monkeypatch):
+    with LiveField(Scene("room"), **COARSE) as live:
+        monkeypatch.setattr(module, "hod_pf_of", lambda *_: 1 / 0)
+        live.show([])
+        with pytest.raises(FieldsNotBuilt, match="make a new LiveField"):
+            live.wait()
+
+
+def test_changes_from_several_threads_are_all_kept(live):
+    live.show([])
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        adding = [
+            threading.Thread(target=lambda k=k: [live.add(post(1.0, 0.3, f"{k} {i}")) for i in range(100)])
+            for k in range(4)
+        ]
+        for thread in adding:
+            thread.start()
+        for thread in adding:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert len(live.obstacles) == 400
+    live.show([])
+    live.wait()
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_fork_leaves_worker_and_files_to_who_made_them(live):
+    child = os.fork()
+    if not child:
+        live._close()
+        os._exit(0)
+    os.waitpid(child, 0)
+    live.show([post(1.0, 0.2)])
+    expect_fresh(live.wait().fields, [post(1.0, 0.2)])
+
+
+KILLED = """
+import os, signal
+from hotice.fields import LiveField
+from hotice.model import Scene
+if __name__ == "__main__":
+    live = LiveField(Scene("room"), resolution_m=0.1)
+    live.show([])
+    live.wait()
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_program_that_is_killed_leaves_nothing(tmp_path):
+    known = files()
+    (tmp_path / "program.py").write_text(KILLED)
+    assert subprocess.run([sys.executable, tmp_path / "program.py"]).returncode == -signal.SIGKILL
+    end = time.monotonic() + 30.0
+    while files() - known and time.monotonic() < end:
+        time.sleep(0.05)
+    assert files() <= known
