@@ -222,8 +222,10 @@ def test_changes_from_several_threads_are_all_kept(live):
 def test_a_fork_leaves_worker_and_files_to_who_made_them(live):
     child = os.fork()
     if not child:
-        live._close()
-        os._exit(0)
+        try:
+            live._close()
+        finally:
+            os._exit(0)
     os.waitpid(child, 0)
     live.show([post(1.0, 0.2)])
     expect_fresh(live.wait().fields, [post(1.0, 0.2)])
