@@ -14,9 +14,10 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State, V
 
 from hotice.compiled import compiled
 from hotice.model.carry import CarryState
+from hotice.model.robot_state import RobotState
 from hotice.policy.legs import Legs
 from hotice.policy.measuring import attitude
-from hotice.policy.percept import Percept
+from hotice.policy.percept import Percept, PerceptModel
 from hotice.safety import Fault, MeasurementLimits, judge
 from hotice.safety.jumps import GATE, NEAR, POSE, REFUSED, empty_gate, jump_array, jump_limits, pass_gate
 from hotice.systems.signals import PERCEPT, SOURCES, STAMPS
@@ -159,7 +160,7 @@ class PerceptGuard(LeafSystem):
     def __init__(self, carry: CarryState, control_dt_s: float, sensing: SensingConfig | None = None) -> None:
         super().__init__()
         carried, self._dt_s = carry.carried, control_dt_s
-        self._legs = Legs(carry)
+        self._legs = Legs(PerceptModel(carried), RobotState.from_carry(carry).to_mujoco(29)[0])
         self._p_OK, self._aligned = carried.keypoints(), carried.keypoints_world_aligned
         measurement = MeasurementLimits()
         place, box = jump_limits(sensing or SensingConfig())
