@@ -107,10 +107,11 @@ def _look(now, dt_s, percept, stamps, memory, limits, place_jump, box_jump, lowe
     memory[_COUNT] = track_down(down, memory[_COUNT], percept[_GRAVITY], gyro, dt_s)
     turned = memory[_HEADING] - dt_s * (down[0] * gyro[0] + down[1] * gyro[1] + down[2] * gyro[2])
     place, box, pose = _NONE, _NONE, np.zeros(POSE)
-    # a pose of the future is none: all that follow would be old; one that is asked for again is what it was
+    # a pose of the future is none: all that follow would be old; one that is asked for again is what it was; a clock
+    # that was set back makes all that is known one of the future
     new, took = np.zeros(2, np.bool_), np.zeros(2, np.bool_)
     for i in range(2):
-        new[i] = stamps[i] <= now + _AHEAD_S and not stamps[i] <= known[i]
+        new[i] = stamps[i] <= now + _AHEAD_S and (not stamps[i] <= known[i] or known[i] > now + _AHEAD_S)
         took[i] = stamps[i] == known[i] and stamps[i] == now
     if new[0]:
         gate = memory[_PLACE]
