@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Callable
+from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -43,13 +45,31 @@ class Newest:
             return (self._number, self._text) if self._number > number else (number, None)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Taker:
+    """What takes orders from the page.
+
+    `path`: to which it sends them; `most_bytes`: of one; `take` may be called by several threads at once, and raises
+    `HoticeError` with what is told to whoever sent it.
+    """
+
+    path: str
+    most_bytes: int
+    take: Callable[[bytes], None]
+
+
 class LiveServer(ThreadingHTTPServer):
-    """Serves the page at / and frames at /events. Raises `HoticeError` where the port is taken."""
+    """Serves the page at / and frames at /events. Raises `HoticeError` where the port is taken.
+
+    `taker`: takes orders, but only from the page itself; `looked_at`: set when the first page looks.
+    """
 
     daemon_threads = True
 
-    def __init__(self, page: str, newest: Newest, host: str = LOOPBACK, port: int = 0) -> None:
-        self.page, self.newest = page.encode(), newest
+    def __init__(
+        self, page: str, newest: Newest, host: str = LOOPBACK, port: int = 0, taker: Taker | None = None
+    ) -> None:
+        self.page, self.newest, self.taker, self.looked_at = page.encode(), newest, taker, threading.Event()
         self.readers = threading.BoundedSemaphore(MOST_READERS)
         try:
             super().__init__((host, port), _Handler)
@@ -86,11 +106,39 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self.send_error(404)
 
+    def do_POST(self) -> None:
+        taker, host, length = self.server.taker, self.headers.get("Host"), self.headers.get("Content-Length", "")
+        if not self.server.named(host) or self.headers.get("Origin") != f"http://{host}":
+            # browsers say of every order which page it is from: that of another site may send them, too
+            self.send_error(403, "orders are taken from this page alone")
+        elif taker is None or self.path != f"/{taker.path}":
+            self.send_error(404)
+        elif self.headers.get("Content-Type") != "application/json":
+            self.send_error(415, "an order is application/json")
+        elif not (length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= taker.most_bytes):
+            self.send_error(413, f"an order has at most {taker.most_bytes} bytes")
+        else:
+            self._take(taker, int(length))
+
+    def _take(self, taker: Taker, length: int) -> None:
+        answer, status = {}, 200
+        try:
+            taker.take(self.rfile.read(length))
+        except HoticeError as error:
+            answer, status = {"error": str(error)}, 400
+        except (ConnectionError, TimeoutError):
+            self.close_connection = True
+            return
+        body = json.dumps(answer).encode()
+        self._head("application/json", {"Content-Length": str(len(body))}, status)
+        self.wfile.write(body)
+
     def _serve_frames(self) -> None:
         if not self.server.readers.acquire(blocking=False):
             self.send_error(503, f"{MOST_READERS} pages look at it already")
             return
         try:
+            self.server.looked_at.set()
             self._head("text/event-stream", {})
             number, newest = 0, self.server.newest
             while True:
@@ -105,8 +153,8 @@ class _Handler(BaseHTTPRequestHandler):
         finally:
             self.server.readers.release()
 
-    def _head(self, kind: str, more: dict[str, str]) -> None:
-        self.send_response(200)
+    def _head(self, kind: str, more: dict[str, str], status: int = 200) -> None:
+        self.send_response(status)
         fixed = {"Content-Type": kind, "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
         for name, value in (fixed | {"X-Frame-Options": "DENY"} | more).items():
             self.send_header(name, value)
