@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from hotice.deploy.clock import Clock
 from hotice.deploy.guard.modes import DRIVEN, Mode
-from hotice.deploy.runner.carry_policy import CarryPolicy
 from hotice.deploy.runner.estimator import Estimate, Estimator
 from hotice.deploy.slot.records import TARGETS
 from hotice.fields.hod_pf import HodPf
@@ -18,6 +17,7 @@ from hotice.model.carry import CarryState
 from hotice.model.robot_state import RobotState, joint_index
 from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.policy import Percept, PerceptModel, PolicySession, read_fields
+from hotice.policy.carry_policy import CarryPolicy
 from hotice.policy.guidance import FieldReading, read_standing
 from hotice.task.rules import arrived
 
