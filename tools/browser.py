@@ -81,6 +81,18 @@ class Page:
         self.call("Input.dispatchKeyEvent", type="keyDown", key=key, code=code or key, **text)
         self.call("Input.dispatchKeyEvent", type="keyUp", key=key, code=code or key)
 
+    def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 10) -> None:
+        """Presses the mouse at a place [px], moves it to another and lets go."""
+        self._mouse("mouseMoved", start)
+        self._mouse("mousePressed", start)
+        for i in range(1, steps + 1):
+            self._mouse("mouseMoved", tuple(a + (b - a) * i / steps for a, b in zip(start, end, strict=True)))
+        self._mouse("mouseReleased", end)
+
+    def _mouse(self, kind: str, at: tuple[float, ...]) -> None:
+        pressed = {"button": "left", "buttons": 1, "clickCount": 1} if kind != "mouseMoved" else {}
+        self.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], **pressed)
+
     def size(self, width: int, height: int, *, scale: float = 1.0, phone: bool = False) -> None:
         """Size of the window [px]."""
         self.call(

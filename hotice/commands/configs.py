@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -31,6 +31,10 @@ class MergeConfig:
     """Checkpoint folders, or runs (their newest checkpoints), that went on from the same networks."""
     out: Path
     """Folder of the run to write: one checkpoint."""
+
+
+VIEWED = ("controller", "perturbed", "policy", "scenes", "seed", "view", "view_port")
+"""Options of `PlayConfig` that a live view has a use for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +69,11 @@ class PlayConfig:
     """Physics and perturbations as in `hotice evaluate` (default: robot); of controller `policy` alone."""
     failures_first: bool = True
     """Lists failures before successes, by cause; otherwise scene by scene."""
+    view: bool = False
+    """Nothing is recorded: one scene is walked live on a page in the browser, for this machine alone, where obstacles
+    are dragged and the robot is pushed; its address is told. Of a run the newest checkpoint walks."""
+    view_port: int = 0
+    """Port of that page; 0 takes any free one."""
 
     def __post_init__(self) -> None:
         checks.number("seconds", self.seconds, Range(above=0, most=120))
@@ -86,6 +95,20 @@ class PlayConfig:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
         checks.whole("rollouts", self.rollouts, Range(least=1, most=100))
         checks.whole("seed", self.seed, checks.INT64)
+        checks.whole("view_port", self.view_port, Range(least=0, most=65535))
+        if self.view:
+            self._check_view()
+        elif self.view_port:
+            raise InvalidConfig(f"view_port is {self.view_port!r}: there is no page without view, give both")
+
+    def _check_view(self) -> None:
+        if self.controller != "policy":
+            raise InvalidConfig(f"controller is {self.controller!r}: a live view shows a policy, leave it or view out")
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if each.name not in VIEWED and value != each.default:
+                shown = repr(str(value) if isinstance(value, Path) else value)
+                raise InvalidConfig(f"{each.name} is {shown}: nothing is recorded with view, leave it or view out")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -96,6 +96,7 @@ def build_model(
     fixed_base: bool = False,
     timestep_s: float = 0.005,
     elliptic: bool = False,
+    movable: bool = False,
 ) -> mujoco.MjModel:
     """Compiles robot, floor, carried object and obstacles for MuJoCo.
 
@@ -113,6 +114,7 @@ def build_model(
         fixed_base: welds the pelvis to the world at its initial height (for tests of the grasp).
         timestep_s: physics step.
         elliptic: elliptic friction cones and Newton to convergence instead of the training settings.
+        movable: obstacles can be moved, see `add_obstacles`; there are no contact sensors then.
     """
     spec = robot_spec(joints, wrist_pos)
     spec.option.timestep = timestep_s
@@ -139,8 +141,8 @@ def build_model(
     if carried is not None:
         add_object(spec, carried, object_shapes)
     if scene is not None:
-        add_obstacles(spec, scene)
-        if carried is not None:
+        add_obstacles(spec, scene, movable)
+        if carried is not None and not movable:
             add_contact_sensors(spec, [o.name for o in scene.moving])
     return spec.compile()
 
@@ -178,18 +180,25 @@ def add_object(spec: mujoco.MjSpec, carried: CarriedObject, shapes: Sequence[str
     body.iquat = [1, 0, 0, 0]
 
 
-def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
-    """Adds every obstacle of the scene as static geoms, and what moves as mocap bodies, where it is at first.
+def add_obstacles(spec: mujoco.MjSpec, scene: Scene, movable: bool = False) -> None:
+    """Adds every obstacle of the scene as static geoms.
 
-    Static ones belong to the static body `obstacles`. A triangle mesh becomes one thin prism (1 mm) per face, because
-    MuJoCo would replace the mesh by its convex hull: what lies in a hollow of the mesh must not count as a collision. A
-    body that is inside solid mesh from the start, without crossing its surface, makes no contact.
+    They belong to the static body `obstacles`; what has a motion, or, `movable`, each of them, to a mocap body of its
+    own, `obstacle/<name>`, which MuJoCo's `mocap_pos` and `mocap_quat` move, bounding volumes and all. A triangle mesh
+    becomes one thin prism (1 mm) per face, because MuJoCo would replace the mesh by its convex hull: what lies in a
+    hollow of the mesh must not count as a collision. A body that is inside solid mesh from the start, without crossing
+    its surface, makes no contact.
     """
-    body = spec.worldbody.add_body(name=OBSTACLE_BODY)
+    still = None if movable else spec.worldbody.add_body(name=OBSTACLE_BODY)
     for obstacle in scene.obstacles:
+        name, pose = OBSTACLE_PREFIX + obstacle.name, dict(pos=obstacle.position_m, quat=obstacle.quaternion_wxyz)
+        body = still
+        if body is None or obstacle.motion is not None:
+            body = spec.worldbody.add_body(name=name, mocap=True, **pose)
+            pose = {}
         kind, size = obstacle.shape.mujoco_geom() if obstacle.shape.type != "mesh" else ("mesh", ())
-        pose = dict(pos=list(obstacle.position_m), quat=list(obstacle.quaternion_wxyz))
         common = dict(
+            **pose,
             contype=OBSTACLE,
             conaffinity=0,
             condim=3,
@@ -197,13 +206,10 @@ def add_obstacles(spec: mujoco.MjSpec, scene: Scene) -> None:
             group=0,
             rgba=[0.55, 0.62, 0.70, 1],
         )
-        name = OBSTACLE_PREFIX + obstacle.name
         if kind != "mesh":
-            primitive = dict(type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"), size=[*size, 0, 0][:3], **common)
-            if obstacle.motion is None:
-                body.add_geom(name=name, **primitive, **pose)
-            else:
-                spec.worldbody.add_body(name=name, mocap=True, **pose).add_geom(name=name, **primitive)
+            body.add_geom(
+                name=name, type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"), size=[*size, 0, 0][:3], **common
+            )
             continue
         vertices, faces = obstacle.shape.triangles()
         if len(faces) > MAX_MESH_FACES:

@@ -20,7 +20,7 @@ from hotice import checks
 from hotice.errors import InvalidState
 from hotice.model import g1
 from hotice.model.carry import CarryState
-from hotice.model.frames import normalize, quat_conj, quat_rotate
+from hotice.model.frames import normalize, quat_conj, quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.objects import CarriedObject
 
 Array = NDArray[np.float64]
@@ -129,6 +129,21 @@ class RobotState:
     def from_carry(cls, state: CarryState) -> RobotState:
         """The robot at rest in a carry state."""
         return cls.from_mujoco(state.qpos(), carried=state.carried, wrist_pos=state.wrist_pos)
+
+    @classmethod
+    def at_start(cls, state: CarryState, start: tuple[float, float, float]) -> RobotState:
+        """The robot at rest in a carry state, its pelvis at a scene's `start`: x, y [m], heading [rad]."""
+        x, y, yaw = start
+        turn, held = quat_from_yaw(yaw), cls.from_carry(state)
+        pelvis = np.array([x, y, state.root_pos_W[2]])
+        return cls(
+            p_WP=pelvis,
+            quat_WP=quat_mul(turn, state.quat_WP),
+            joint_pos=held.joint_pos,
+            carried=state.carried,
+            p_WO=pelvis + quat_rotate(turn, state.object_pos_W - state.root_pos_W),
+            quat_WO=quat_mul(turn, state.quat_WO),
+        )
 
     def to_mujoco(self, joints: int = 20) -> tuple[Array, Array]:
         """Qpos and qvel of the model with 20 or 29 joints, and with the object where one is carried."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 import base64
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,18 @@ from hotice.replay.solids import obstacle_geom, obstacle_triangles
 from hotice.task.rules import GOAL_M
 
 _PLACE = re.compile(r"/\*\{\{(\w+)\}\}\*/")
+TITLE = "hotice replay"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steering:
+    """What a live page has beside the viewer, to be steered by: parts of HTML, CSS and script, which reads `facts`."""
+
+    title: str
+    html: str
+    css: str
+    js: str
+    facts: Mapping[str, Any]
 
 
 def write_html(records: Sequence[RolloutRecord], path: str | Path, *, frames_per_s: float = 25.0) -> Path:
@@ -43,23 +56,27 @@ def write_html(records: Sequence[RolloutRecord], path: str | Path, *, frames_per
     return write_bytes(path, _page([_pack(r.every(1.0 / frames_per_s)) for r in records]).encode())
 
 
-def live_page(record: RolloutRecord, events: str) -> str:
+def live_page(record: RolloutRecord, events: str, steering: Steering | None = None) -> str:
     """The page of a robot that lives: it shows the solids of a record, and takes frames from its own server.
 
     Args:
         record: the first of its frames is the first shown, robot and object hidden until a frame comes.
         events: path of the server-sent events; each is JSON with time [s], mode, facts (name, text, whether it is
             marked), events, and geom_pos, geom_quat, arrow_pos, arrow_force, root_pos, object_pos as flat lists, which
-            are left out where robot and object are not known.
+            are left out where robot and object are not known. It may also have tone, a class of the page's badge.
+        steering: of a simulation.
     """
-    return _page([_pack(record)], live=events)
+    return _page([_pack(record)], events, steering)
 
 
-def _page(records: list[dict[str, Any]], live: str | None = None) -> str:
-    page = {"goal_radius_m": GOAL_M, "records": records, "live": live}
+def _page(records: list[dict[str, Any]], live: str | None = None, steering: Steering | None = None) -> str:
+    page = {"goal_radius_m": GOAL_M, "records": records, "live": live, "steer": steering and steering.facts}
     folder = files("hotice.replay")
     parts = {
-        "css": (folder / "viewer.css").read_text(encoding="utf-8"),
+        "title": steering.title if steering else TITLE,
+        "panel": steering.html if steering else "",
+        "script": f"<script>\n{steering.js}</script>" if steering else "",
+        "css": (folder / "viewer.css").read_text(encoding="utf-8") + (steering.css if steering else ""),
         "connect": "'none'" if live is None else "'self'",
         "data": _script_safe(json.dumps(page, separators=(",", ":"), allow_nan=False)),
         "three": _three_js(),

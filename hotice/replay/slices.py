@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
+from hotice.fields.descent import descend
 from hotice.fields.hod_pf import GuidanceField, HodPf
 
 PLANES = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}
@@ -123,26 +124,6 @@ def draw_descent(axes: Axes, pf: HodPf, field: str, starts_W: NDArray[np.float64
     axes.plot(paths[..., right], paths[..., up], **{"color": INFLATED_COLOR, "linewidth": 2.0, **style})
     axes.plot(*starts_W[:, [right, up]].T, "o", color="white", markeredgecolor=WALL_COLOR, markersize=6)
     return paths
-
-
-def descend(
-    guide: GuidanceField, starts_W: NDArray[np.float64], *, step_m: float = 0.01, length_m: float = 4.0
-) -> NDArray[np.float64]:
-    """Paths along F / |F| from points (n, 3) in W [m] to 5 cm from the goal, midpoint rule -> (steps + 1, n, 3)."""
-
-    def direction(p_W: NDArray[np.float64]) -> NDArray[np.float64]:
-        force = guide.sample(p_W)
-        return force / np.maximum(np.linalg.norm(force, axis=-1, keepdims=True), 1e-9)
-
-    p_W = np.array(starts_W, dtype=np.float64)
-    path = [p_W]
-    for _ in range(round(length_m / step_m)):
-        go_on = guide.extended_geodesic_distance(p_W)[:, None] > 0.05
-        if not go_on.any():
-            break
-        p_W = p_W + go_on * step_m * direction(p_W + 0.5 * step_m * direction(p_W))
-        path.append(p_W)
-    return np.stack(path)
 
 
 def named_field(pf: HodPf, field: str) -> GuidanceField:

@@ -271,6 +271,17 @@
       this.ogf.update(i, j, weight);
       return [0, 1, 2].map((k) => mix(this.record.root_pos[3 * i + k], this.record.root_pos[3 * j + k], weight));
     }
+    // Gives the carried object another shape.
+    reshape(shape) {
+      this.geoms.filter((_, i) => this.record.geoms[i].object).forEach((mesh) => {
+        mesh.geometry.dispose();
+        mesh.geometry = shape;
+        for (const edges of [...mesh.children]) {
+          edges.geometry.dispose();
+          edges.geometry = new THREE.EdgesGeometry(shape, 30);
+        }
+      });
+    }
     dispose() {
       stage.remove(this.root);
       this.root.traverse((item) => {
@@ -428,7 +439,8 @@
   page.records.forEach((record, i) => {
     const option = document.createElement("option");
     option.value = String(i);
-    option.textContent = `${i + 1}. ${record.scene.name} (${record.outcome.replaceAll("_", " ")})`;
+    option.textContent = page.live ? record.scene.name
+      : `${i + 1}. ${record.scene.name} (${record.outcome.replaceAll("_", " ")})`;
     $("rollout").append(option);
   });
   $("rollout").addEventListener("change", () => select(Number($("rollout").value)));
@@ -467,12 +479,15 @@
   let last = null;
   function tick(now) {
     requestAnimationFrame(tick);
-    const passed = last === null ? 0 : Math.min((now - last) / 1000, 0.1);
+    const took = last === null ? 0 : now - last;
+    const passed = Math.min(took / 1000, 0.1);
     last = now;
     const record = page.records[state.index];
     const end = record.time[record.time.length - 1];
     orbit.update(); // tells of a change where the camera still glides
-    if (!state.playing && !page.live && !stale_picture) return;
+    if (page.live) stale();
+    if ((page.live || !state.playing) && !stale_picture) return;
+    if (page.live) keepUp(took);
     stale_picture = false;
     if (state.playing) {
       state.time += passed * Number($("speed").value);
@@ -494,8 +509,7 @@
     }
     sun.target.position.set(root[0], root[1], 0);
     sun.position.set(root[0] - 1.6, root[1] - 2.2, 5.5);
-    if (page.live) stale();
-    else record.events.forEach((event, i) =>
+    if (!page.live) record.events.forEach((event, i) =>
       $("events").children[i].firstChild.classList.toggle("past", event.time <= state.time));
     $("time").value = String(state.time);
     $("clock").textContent = `${state.time.toFixed(2)} / ${end.toFixed(2)} s`;
@@ -508,7 +522,8 @@
 
   // ---- a robot that lives ----------------------------------------------------------------------------------------
   const STALE_S = 0.5;
-  const heard = { at: null, over: false, mode: "waiting", time: 0 };
+  const listeners = []; // of frames
+  const heard = { at: null, over: false, mode: "waiting", tone: "", time: 0 };
   function hear() {
     const record = page.records[0];
     document.body.classList.add("live");
@@ -524,21 +539,36 @@
         show.trails[0].add(now.root_pos);
         show.trails[1].add(now.object_pos);
       } else record.arrow_force.fill(0);
-      listFacts([["Policy", record.policy], ["Object", record.carried], ...now.facts]);
+      listFacts([["Policy", now.policy ?? record.policy], ["Object", now.carried ?? record.carried], ...now.facts]);
       if (JSON.stringify(now.events) !== JSON.stringify(record.events)) {
         record.events = now.events;
         tell(record);
       }
-      Object.assign(heard, { at: performance.now(), mode: now.mode, time: now.time });
+      const tone = now.tone ?? (now.mode === "damping" ? "failure" : "success");
+      Object.assign(heard, { at: performance.now(), mode: now.mode, tone, time: now.time });
+      for (const listener of listeners) listener(now);
+      redraw();
     });
     source.addEventListener("over", () => { heard.over = true; source.close(); });
+  }
+  // Where pictures of what happens now take long, without a graphics card for instance, they become simpler.
+  const LONG_MS = 120;
+  const SIMPLER = [() => { sun.castShadow = false; }, () => renderer.setPixelRatio(0.6), () => renderer.setPixelRatio(0.4)];
+  let long = 0;
+  function keepUp(took) {
+    // a page in the background is not drawn for much longer
+    long = took > LONG_MS && took < 20 * LONG_MS ? long + 1 : 0;
+    if (long < 3 || !SIMPLER.length) return;
+    SIMPLER.shift()();
+    resize();
+    long = 0;
   }
   // The mode, or that nothing new has come, for a page must not look alive when its robot does not.
   function stale() {
     const silent = heard.at === null ? null : (performance.now() - heard.at) / 1000;
     const old = heard.over || silent === null || silent > STALE_S;
     $("outcome").textContent = heard.over ? "over" : silent === null ? "waiting" : old ? "no news" : heard.mode;
-    $("outcome").className = "badge " + (old || heard.mode === "damping" ? "failure" : "success");
+    $("outcome").className = "badge " + (old ? "failure" : heard.tone);
     $("distance").textContent = silent === null ? "nothing has come yet"
       : old ? `last ${heard.mode}, ${silent.toFixed(1)} s ago` : `${heard.time.toFixed(2)} s`;
   }
@@ -576,5 +606,9 @@
   $("fold").addEventListener("click", () => fold(!document.body.classList.contains("folded")));
   if (window.innerWidth <= 640) fold(true); // a phone shows the robot first
   if (page.live) hear();
+  // what a page beside this script steers by, see hotice/view
+  if (page.steer)
+    window.hotice = { page, stage, camera, orbit, geometry, redraw, canvas: renderer.domElement, show: () => show,
+      listen: (listener) => listeners.push(listener) };
   requestAnimationFrame(tick);
 })();

@@ -15,8 +15,8 @@ import pytest
 
 from hotice.deploy.guard.scheduling import give_way, take_precedence
 from hotice.deploy.seeing import LiveView, moment
-from hotice.deploy.seeing.live_frames import Newest, Painter, about_run
-from hotice.deploy.seeing.live_server import MOST_READERS, LiveServer, receive
+from hotice.deploy.seeing.live_frames import Painter, about_run
+from hotice.deploy.seeing.live_server import receive
 from hotice.deploy.seeing.live_view import NICE, MomentSender
 from hotice.deploy.seeing.moments import MOMENT
 from hotice.errors import HoticeError
@@ -25,6 +25,7 @@ from hotice.model.geometry.shapes import MeshShape
 from hotice.policy import PolicyTask, read_fields
 from hotice.replay import write_html
 from hotice.replay.html import live_page
+from hotice.replay.serving import MOST_READERS, LiveServer, Newest
 from tests.deploy.seeing_fixture import (
     BOX,
     START_S,

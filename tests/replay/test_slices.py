@@ -4,8 +4,9 @@ from matplotlib.figure import Figure
 
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.fields import build_hod_pf
+from hotice.fields.descent import descend
 from hotice.model import load_scene
-from hotice.replay.slices import descend, draw_descent, draw_slice, slice_points
+from hotice.replay.slices import draw_descent, draw_slice, slice_points
 
 
 @pytest.fixture(scope="module")

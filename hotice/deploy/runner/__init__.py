@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
-    from hotice.deploy.runner.carry_policy import CarryPolicy
     from hotice.deploy.runner.estimator import Estimate, Estimator
     from hotice.deploy.runner.runner import RobotRunner
+    from hotice.policy.carry_policy import CarryPolicy
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 

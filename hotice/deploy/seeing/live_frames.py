@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import threading
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -125,33 +123,6 @@ class Painter:
         bad = disputed or not pose_s <= self._limits.pose_s
         yield "Localization", f"{_age(pose_s)}, {'disputed' if disputed else pose}", bad
         yield "Box", f"{_age(box_s)}, {box}", not box_s <= self._limits.box_s
-
-
-class Newest:
-    """The newest frame as text; readers wait for one that they have not had, and miss what they are too slow for."""
-
-    def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._number, self._text, self.over = 0, "", False
-
-    def put(self, frame: dict[str, Any]) -> None:
-        """Makes a frame the newest."""
-        text = json.dumps(frame, separators=(",", ":"), allow_nan=False)
-        with self._changed:
-            self._number, self._text = self._number + 1, text
-            self._changed.notify_all()
-
-    def end(self) -> None:
-        """No more will come."""
-        with self._changed:
-            self.over = True
-            self._changed.notify_all()
-
-    def after(self, number: int, timeout_s: float) -> tuple[int, str | None]:
-        """The newest and its number; None where there was none beyond `number` in time, or it is over."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._number > number or self.over, timeout_s)
-            return (self._number, self._text) if self._number > number else (number, None)
 
 
 def _guided(reading: FieldReading, walks: bool) -> Iterator[Fact]:

@@ -13,7 +13,6 @@ from hotice.errors import SimulationError
 from hotice.model import builder, g1
 from hotice.model.carry import CarryState, holding_torques
 from hotice.model.dynamics import DynamicsConfig, perturb
-from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate
 from hotice.model.robot_state import RobotState
 from hotice.model.scene import Scene
 from hotice.task.judge import Judge
@@ -54,7 +53,7 @@ class World:
         self.model, self.data = model, mujoco.MjData(model)
         self.carry, self.scene = carry, scene
         self.motors = Motors(model)
-        self.start = _at_start(carry, scene)
+        self.start = RobotState.at_start(carry, scene.start)
         self._judge = Judge(model)
         self._object_pos = int(model.joint("object_free").qposadr[0])
         self._object_vel = int(model.joint("object_free").dofadr[0])
@@ -117,18 +116,3 @@ class World:
         """Height of the lowest point of both soles [m]."""
         soles = [self.model.geom(f"{side}_sole_{i}").id for side in g1.SIDES for i in range(4)]
         return float((self.data.geom_xpos[soles, 2] - self.model.geom_size[soles, 0]).min())
-
-
-def _at_start(carry: CarryState, scene: Scene) -> RobotState:
-    x, y, yaw = scene.start
-    turn = quat_from_yaw(yaw)
-    pelvis = np.array([x, y, carry.root_pos_W[2]])
-    held = RobotState.from_carry(carry)
-    return RobotState(
-        p_WP=pelvis,
-        quat_WP=quat_mul(turn, carry.quat_WP),
-        joint_pos=held.joint_pos,
-        carried=carry.carried,
-        p_WO=pelvis + quat_rotate(turn, carry.object_pos_W - carry.root_pos_W),
-        quat_WO=quat_mul(turn, carry.quat_WO),
-    )

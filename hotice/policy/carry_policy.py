@@ -6,6 +6,7 @@ The twin of `hotice.systems.policy.PolicySystem` without a diagram: the same cal
 from __future__ import annotations
 
 import math
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +17,33 @@ from hotice.policy.action import next_action
 from hotice.policy.guidance import FieldReading
 from hotice.policy.observation import Carrying, layout_of, observe, remember
 from hotice.policy.percept import Percept
-from hotice.policy.policy_file import PolicySession, check_layout
+from hotice.policy.policy_file import check_layout
 from hotice.task import history
 from hotice.task.policy_task import PolicyTask
 
 Array = NDArray[np.float64]
 
 
+class Network(Protocol):
+    """What runs a policy's networks: `PolicySession`, or a checkpoint. `meta`: what the file says of itself."""
+
+    name: str
+    meta: dict[str, Any]
+
+    @property
+    def layout(self) -> list[tuple[str, int]]:
+        """Names and widths of the observation's rows."""
+        ...
+
+    def run(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Actions (N, 20) of raw observations (N, O)."""
+        ...
+
+
 class CarryPolicy:
     """Acts once a control period. Raises `CheckpointError`: the policy reads another observation."""
 
-    def __init__(self, policy: PolicySession, carry: CarryState) -> None:
+    def __init__(self, policy: Network, carry: CarryState) -> None:
         self.task = PolicyTask.from_meta(policy.meta, policy.name)
         check_layout(policy.name, policy.layout, layout_of(self.task))
         self._policy, self._carrying = policy, Carrying.of(carry)

@@ -1,0 +1,79 @@
+"""`hotice play --view`: what does not fit is refused by name, the address is told, Ctrl-C ends all of it."""
+
+import http.client
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from hotice.commands.configs import PlayConfig
+from hotice.commands.program import main
+from hotice.errors import InvalidConfig
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"rollouts": 3}, "rollouts is 3: nothing is recorded with view"),
+        ({"out": Path("x.html")}, "out is 'x.html': nothing is recorded with view"),
+        ({"video": Path("x.mp4")}, "video is 'x.mp4': nothing is recorded with view"),
+        ({"protocol": "paper"}, "protocol is 'paper'"),
+        ({"controller": "walk"}, "controller is 'walk': a live view shows a policy"),
+        ({"failures_first": False}, "failures_first is False"),
+        ({"seconds": 3.0}, "seconds is 3.0"),
+        ({"view_port": 99999}, "view_port is 99999: a whole number from 0 to 65,535"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(options, why):
+    with pytest.raises(InvalidConfig, match=why):
+        PlayConfig(view=True, **options)
+
+
+def test_a_port_needs_a_view():
+    with pytest.raises(InvalidConfig, match="view_port is 8000: there is no page without view"):
+        PlayConfig(view_port=8000)
+
+
+def test_a_set_of_scenes_is_refused(capsys):
+    assert main(["play", "--view", "--scenes", "bench20"]) == 2
+    assert capsys.readouterr().err == "hotice: 20 scenes are given: a live view shows one\n"
+
+
+def children(pid):
+    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+@pytest.mark.slow
+def test_the_address_is_told_and_ctrl_c_ends_all():
+    command = [sys.executable, "-m", "hotice", "play", "--view", "--scene", "gap", "--no-perturbed"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        host, port = re.fullmatch(r"live view: http://(127\.0\.0\.1):(\d+)/ \(Ctrl-C ends\)\n", line).groups()
+        workers = children(process.pid)
+        assert workers
+        connection = http.client.HTTPConnection(host, int(port), timeout=60)
+        connection.request("GET", "/")
+        page = connection.getresponse().read().decode()
+        assert "<title>hotice live view</title>" in page and 'id="steer"' in page
+        connection.request("GET", "/events")
+        stream = connection.getresponse()
+        frames = (json.loads(text[6:]) for text in iter(stream.readline, b"") if text.startswith(b"data"))
+        assert any(frame["time"] > 0.2 and frame["mode"] == "walking" for frame in frames)
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=60)
+        assert (process.returncode, said) == (130, ("", "hotice: interrupted\n"))
+        end = time.monotonic() + 10
+        while any(os.path.exists(f"/proc/{pid}") for pid in workers) and time.monotonic() < end:
+            time.sleep(0.05)
+        assert not [pid for pid in workers if os.path.exists(f"/proc/{pid}")]
+    finally:
+        process.kill()
+        process.communicate()

@@ -1,0 +1,223 @@
+"""A walk that is meddled with: what is ordered happens, fields follow obstacles, and the robot finds another way."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hotice.errors import HoticeError
+from hotice.fields import build_hod_pf
+from hotice.fields.live import LiveField
+from hotice.model import Box, Obstacle, Scene
+from hotice.model.geometry.shapes import BoxShape
+from hotice.model.scene import MomentaryScene
+from hotice.policy import open_policy
+from hotice.view import orders
+from hotice.view.frames import Painter
+from hotice.view.session import MOST_WAITING, OBSTACLE_M_S, Choice, Session
+
+ASIDE = (1.0, -0.75, 0.5)
+POST = Obstacle("post", "side", BoxShape((0.2, 0.3, 1.0)), ASIDE)
+SCENE = Scene("post", obstacles=(POST,))
+
+
+@pytest.fixture(scope="module")
+def live():
+    with LiveField(SCENE) as field:
+        yield field
+
+
+@pytest.fixture
+def session(live):
+    live.move({"post": (ASIDE, POST.quaternion_wxyz)})
+    live.wait()
+    names = ("student", "carry")
+    policies = {name: lambda name=name: open_policy(name) for name in names}
+    return Session(
+        SCENE, live, Choice(policies=policies, policy="student", carried=Box((0.3, 0.3, 0.25), 1.5), noise=False)
+    )
+
+
+def walk(session, seconds, until=lambda: False):
+    for _ in range(round(seconds / 0.02)):
+        session.tick()
+        if until():
+            return True
+    return until()
+
+
+def move(session, to_W):
+    session.order(orders.Move(obstacle="post", to_W=to_W))
+
+
+def test_the_robot_arrives_and_stays(session):
+    assert walk(session, 8.0, lambda: session.standing == "at the goal") and not session.over
+    assert walk(session, 1.0, lambda: bool(session.over)) is False
+    assert float(session.reading.goal_distance[0]) < 0.3 and session.touches == 0
+    assert [event["text"] for event in session.events] == ["at the goal"]
+
+
+def test_an_obstacle_goes_where_it_is_ordered_and_fields_follow(session, live):
+    move(session, (1.0, -0.3, 0.5))
+    session.tick()
+    gone = np.linalg.norm(np.subtract(session.obstacles[0].position_m, ASIDE))
+    assert gone == pytest.approx(OBSTACLE_M_S * 0.02)
+    np.testing.assert_allclose(session.world.data.mocap_pos[0], session.obstacles[0].position_m)
+    for _ in range(20):
+        session.tick()
+    assert session.obstacles[0].position_m == (1.0, -0.3, 0.5)
+    live.wait()
+    moved = replace(POST, position_m=(1.0, -0.3, 0.5))
+    fresh = build_hod_pf(MomentaryScene("post", obstacles=(moved,)))
+    points = np.random.default_rng(0).uniform((-0.4, -0.9, 0.1), (2.4, 0.9, 1.4), (200, 3))
+    np.testing.assert_array_equal(live.fields.sgf.sample(points), fresh.sgf.sample(points))
+    np.testing.assert_array_equal(live.fields.ogf.sample(points), fresh.ogf.sample(points))
+    session.order(orders.Restore())
+    for _ in range(20):
+        session.tick()
+    assert session.obstacles == (POST,)
+
+
+@pytest.mark.slow
+def test_another_way_is_found_round_an_obstacle_that_comes(session, live):
+    assert walk(session, 8.0, lambda: session.qpos[0] > 0.3)
+    before = Painter(session).frame()["ways"]
+    move(session, (1.2, -0.15, 0.5))
+    walk(session, 0.3)
+    live.wait()
+    after = Painter(session).frame()["ways"]
+    # to the left of the post, whose left side is at y = 0
+    assert max(after[1]["points"][1::3]) > 0.1 > max(before[1]["points"][1::3])
+    left = []
+    assert walk(session, 12.0, lambda: left.append(session.qpos[1]) or session.standing == "at the goal")
+    assert max(left) > 0.15 and not session.over and session.touches == 0
+
+
+def test_it_stands_where_there_is_no_way_and_goes_on(session, live):
+    wall = Obstacle("wall", "side", BoxShape((0.1, 3.0, 3.0)), (1.2, 0.0, 0.75))
+    live.show([POST, wall])
+    live.wait()
+    walk(session, 0.4)
+    assert session.standing == "no way" and session.reading.goal_distance[0] > 1.0
+    here = session.qpos[:2].copy()
+    walk(session, 2.0)
+    assert not session.over and np.linalg.norm(session.qpos[:2] - here) < 0.25
+    live.show([POST])
+    live.wait()
+    walk(session, 0.2)
+    assert session.standing == "" and [event["text"] for event in session.events] == ["no way", "walks on"]
+
+
+def test_touches_are_told_by_name(session):
+    move(session, (0.1, -0.2, 0.5))
+    walk(session, 1.5, lambda: session.touches > 0)
+    told = [event for event in session.events if event["kind"] == "touch"]
+    assert told and all(event["text"].endswith("touches post") for event in told)
+
+
+def test_a_push_is_felt_and_needs_time_that_goes_on(session):
+    walk(session, 0.1)
+    session.order(orders.Push(velocity_W=(0.0, 1.5)))
+    session.tick()
+    assert session.world.data.qvel[1] > 0.8
+    session.order(orders.Pause(on=True))
+    session.order(orders.Push(velocity_W=(0.0, 1.0)))
+    before = session.time_s
+    session.tick()
+    assert session.time_s == before and "time stands still" in str(session.events[-1]["text"])
+
+
+def test_a_fall_ends_the_walk_and_a_restart_begins_another(session):
+    walk(session, 0.2)
+    for _ in range(4):
+        session.order(orders.Push(velocity_W=(0.0, 1.5)))
+    assert walk(session, 4.0, lambda: session.over != "")
+    assert session.over in ("fall", "drop")
+    walk(session, 3.0)
+    assert session.time_s < 8.0
+    frame = Painter(session).frame()
+    assert (frame["mode"], frame["tone"]) == (session.over, "failure")
+    session.order(orders.Restart())
+    session.tick()
+    assert session.over == "" and session.time_s == pytest.approx(0.02) and session.events == []
+
+
+def test_objects_policies_and_noise_are_changed(session):
+    walk(session, 0.1)
+    session.order(orders.Take(carried=Box((0.25, 0.35, 0.2), 2.0)))
+    session.tick()
+    assert session.choice.carried.mass_kg == 2.0 and session.time_s == pytest.approx(0.02)
+    assert session.world.model.body("object").mass[0] == pytest.approx(2.0)
+    session.order(orders.Noise(on=True))
+    session.tick()
+    assert session.choice.noise and session.time_s == pytest.approx(0.02)
+    session.order(orders.UsePolicy(policy="carry"))
+    session.tick()
+    assert session.choice.policy == "carry"
+    painter = Painter(session)
+    assert painter.frame()["chosen"]["policy"] == "carry"
+
+
+def test_what_cannot_be_is_told_and_all_stays(session):
+    """A box that is too heavy for the arms."""
+    walk(session, 0.1)
+    session.order(orders.Take(carried=Box((0.6, 0.6, 0.6), 6.0)))
+    session.tick()
+    assert session.choice.carried.mass_kg == 1.5 and session.time_s > 0.1
+    assert session.events[-1]["kind"] == "fault" and "too heavy" in str(session.events[-1]["text"])
+
+
+def test_a_policy_of_other_fields_is_refused(session):
+    class Other:
+        name, layout = "other", []
+        meta = {**open_policy("student").meta}
+        run = staticmethod(lambda observation: observation)
+
+    Other.meta["task"] = {**Other.meta["task"], "margin_m": 0.2}
+    session.order(Other())
+    session.tick()
+    assert "reads fields of 0.04 m with a margin of 0.2 m" in str(session.events[-1]["text"])
+
+
+def test_orders_are_bounded(session):
+    for _ in range(MOST_WAITING):
+        session.order(orders.Restart())
+    with pytest.raises(HoticeError, match="wait already"):
+        session.order(orders.Restart())
+
+
+def test_a_frame_is_json_and_says_what_is_behind(session, live):
+    painter = Painter(session)
+    session.order(orders.Slice(field="ogf", height_m=0.5))
+    walk(session, 0.1)
+    frame = json.loads(json.dumps(painter.frame(), allow_nan=False))
+    assert frame["mode"] == "walking" and frame["behind"] == 0.0
+    assert [way["field"] for way in frame["ways"]] == ["sgf", "sgf", "ogf"]
+    # both robot's ways end at the goal
+    np.testing.assert_allclose(frame["ways"][1]["points"][-3:-1], [2.0, 0.0], atol=0.1)
+    cut = frame["slice"]
+    assert cut["field"] == "ogf" and len(cut["angles"]) == 30 * 20 and cut["columns"] == 30
+    # inside the post there is no direction; far from it all lead ahead
+    x, y = round((1.0 - cut["first"][0]) / cut["spacing"]), round((-0.75 - cut["first"][1]) / cut["spacing"])
+    assert cut["angles"][30 * y + x] == 999 and abs(cut["angles"][30 * 12 + 8]) < 30
+    move(session, (1.0, 0.0, 0.5))
+    live_before = live.newest.version
+    session.tick()
+    facts = dict((name, (text, bad)) for name, text, bad in painter.frame()["facts"])
+    assert facts["Touches"] == ("0", False) and facts["Fields"][0] == "as the obstacles are"
+    assert live.wait().version > live_before
+    place = frame["obstacles"][0]
+    np.testing.assert_allclose(place, [*ASIDE, 1, 0, 0, 0])
+
+
+def test_noise_is_that_of_students_and_drawn_anew(session):
+    """Of the same seed the same walk; the next walk has other noise."""
+    session.order(orders.Noise(on=True))
+    session.tick()
+    first = session.percept.vector.copy()
+    session.order(orders.Restart())
+    session.tick()
+    assert not np.array_equal(first, session.percept.vector)
+    true = session._senses._true(*session.world.state())
+    assert 1e-4 < np.abs(session.percept.q - true.q).max() < 0.2
