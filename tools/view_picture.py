@@ -24,7 +24,7 @@ WIDTH, HEIGHT = 1280, 800
 SECONDS = 120.0
 COMMAND = [sys.executable, "-m", "hotice", "play", "--view", "--scene", "pillars", "--no-perturbed"]
 PILLAR = "pillar_2"
-TO_W = (1.1, 0.0, 0.75)
+TO_W = (1.1, 0.1, 0.75)
 WALKED_M = 0.45
 """How far the robot walks before time stands still."""
 SEEN = "document.getElementById('view').dataset"

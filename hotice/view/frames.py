@@ -119,7 +119,9 @@ class Painter:
         yield "To the goal", f"{float(reading.goal_distance[0]):.2f} m", False
         command = "{:.2f}, {:.2f}, {:.2f} m/s".format(*reading.c_W.tolist())
         yield "Command", "none: stands" if session.standing else command, False
-        nearest_m = float(reading.distance.min())
+        # the object's field is of obstacles that are larger by the margin
+        margin_m = session.live.margin_m * session_arrows(session)
+        nearest_m = float((reading.distance + margin_m).min())
         yield "Nearest", f"{nearest_m:.2f} m", nearest_m < 0.0
         yield "Touches", str(session.touches), session.touches > 0
         shows = f"{behind_s:.1f} s behind the obstacles" if behind_s > BEHIND_S else "as the obstacles are"
