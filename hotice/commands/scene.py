@@ -50,11 +50,12 @@ def scan_scene(config: ScanConfig) -> int:
     """Map a scene as a robot's upside-down lidar would: a point cloud to import, as FAST-LIO saves it."""
     from hotice.deploy.simulated.lidar_map import pcd_of, scan
     from hotice.files import write_bytes
+    from hotice.model.moving.still import only_still
     from hotice.model.shipped import load_scene
 
     check_writable(config.out)
     with doing(f"mapping {config.scene}"):
-        points = scan(load_scene(config.scene), config)
+        points = scan(only_still(load_scene(config.scene), "a map"), config)
     write_bytes(config.out, pcd_of(points))
     print(f"{len(points):,} points in {config.out}")
     return 0
@@ -85,7 +86,14 @@ def check(config: CheckConfig) -> int:
 
     if not config.scenes:
         raise InvalidConfig("no scene is given: see `hotice scene list`")
-    table = Table("scene", "obstacles", "path [m]", "clearance [m]", "verdict", title="g ground, s side, o overhead")
+    table = Table(
+        "scene",
+        "obstacles",
+        "path [m]",
+        "clearance [m]",
+        "verdict",
+        title="g ground, s side, o overhead; m of them move",
+    )
     console, bad = PlainConsole(), 0
     for item, scene in counted(found := list(_each(config.scenes)), "scenes", len(found)):
         row, ok = _verdict(scene) if not isinstance(scene, HoticeError) else (["", "", "", str(scene)], False)
@@ -174,17 +182,20 @@ def _each(items: Sequence[str]):
 
 
 def _verdict(scene: Scene) -> tuple[list[str], bool]:
-    """Columns after the name, and whether all is well."""
+    """Columns after the name, and whether all is well; way and clearance are those among what stands still."""
     import numpy as np
 
     from hotice.errors import UnreachableGoal
     from hotice.fields import build_hod_pf
     from hotice.fields.reachability import check_reachable
+    from hotice.model.generate.passing import check_passing
     from hotice.model.generate.traversable import check_traversable
     from hotice.model.scene import GOAL_HEIGHT_M
 
     counts = Counter(o.category[0] for o in scene.obstacles)
-    obstacles = " ".join(f"{counts[kind]}{kind}" for kind in "gso" if counts[kind]) or "none"
+    counts["m"] = len(scene.moving)
+    obstacles = " ".join(f"{counts[kind]}{kind}" for kind in "gsom" if counts[kind]) or "none"
+    whole, scene = scene, scene.still()
     try:
         check_reachable(scene)
     except UnreachableGoal as error:
@@ -192,5 +203,8 @@ def _verdict(scene: Scene) -> tuple[list[str], bool]:
     pelvis = np.array([*scene.start[:2], GOAL_HEIGHT_M])
     length = float(build_hod_pf(scene).sgf.extended_geodesic_distance(pelvis))
     traversal = check_traversable(scene)
-    row = [obstacles, f"{length:.2f}", f"{traversal.clearance_m:.2f}", "ok" if traversal.ok else traversal.reason]
-    return row, traversal.ok
+    ok, verdict = traversal.ok, "ok" if traversal.ok else traversal.reason
+    if ok and whole.moving:
+        passing = check_passing(whole)
+        ok, verdict = passing.ok, f"ok, there in {passing.arrival_s:.1f} s" if passing.ok else passing.reason
+    return [obstacles, f"{length:.2f}", f"{traversal.clearance_m:.2f}", verdict], ok

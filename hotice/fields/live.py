@@ -195,7 +195,7 @@ class LiveField:
             for name, (position_m, quaternion_wxyz) in poses.items():
                 if name not in now:
                     raise UnknownName("obstacle", name, now)
-                now[name] = replace(now[name], position_m=position_m, quaternion_wxyz=quaternion_wxyz)
+                now[name] = replace(now[name], position_m=position_m, quaternion_wxyz=quaternion_wxyz, motion=None)
             return self.show(now.values())
 
     def add(self, *obstacles: Obstacle) -> int:

@@ -21,9 +21,10 @@ from hotice.checks import shown
 from hotice.documents import read_json
 from hotice.errors import InvalidScene, OutputError
 from hotice.files import check_folder, make_folder, output_file, write_bytes
-from hotice.model.frames import quat_to_mat
+from hotice.model.frames import quat_from_yaw, quat_mul, quat_to_mat, rotation_z
 from hotice.model.geometry.lengths import COORDINATE
 from hotice.model.geometry.shapes import MeshShape, Shape, shape_from_dict
+from hotice.model.moving.motion import Motion
 from hotice.model.source import MapSource
 
 FORMAT = "hotice-scene/1"
@@ -33,6 +34,8 @@ GOAL_HEIGHT_M = 0.75
 MAX_GRID_NODES = 50_000_000
 MAX_FILE_BYTES = 16 * 2**20
 MAX_OBSTACLES = 5000
+MAX_MOVING = 32
+"""Most obstacles with a motion."""
 COLUMN_HEIGHTS_M = (*(0.1 * i for i in range(1, 13)), GOAL_HEIGHT_M)
 """Heights at which start and goal must be clear of obstacles."""
 
@@ -42,13 +45,17 @@ Quat = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A static shape at pose X_WB. `category`: ground, side or overhead. Raises `InvalidScene`."""
+    """A shape at pose X_WB. `category`: ground, side or overhead.
+
+    With a `motion` it moves, and the pose is the one at the first way point; a mesh cannot. Raises `InvalidScene`.
+    """
 
     name: str
     category: str
     shape: Shape
     position_m: Vec3
     quaternion_wxyz: Quat = (1.0, 0.0, 0.0, 0.0)
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         _check_name("obstacle", self.name)
@@ -61,6 +68,32 @@ class Obstacle:
         object.__setattr__(self, "position_m", _coordinates(f"{where} position_m", self.position_m, 3))
         quat = checks.unit_quaternion(f"{where} quaternion_wxyz", self.quaternion_wxyz, InvalidScene)
         object.__setattr__(self, "quaternion_wxyz", quat)
+        if self.motion is not None and not isinstance(self.motion, Motion):
+            raise InvalidScene(
+                f"{where} has motion {shown(self.motion)}: a hotice.model.moving.motion.Motion is needed"
+            )
+        if self.motion is not None and isinstance(self.shape, MeshShape):
+            raise InvalidScene(f"{where} is a mesh: only box, cylinder, capsule and sphere may have a motion")
+
+    def at(self, time_s: float) -> Obstacle:
+        """The obstacle where it is at `time_s` [s], without its motion; itself where it has none."""
+        if self.motion is None:
+            return self
+        start, first = self.motion.way_points[0], np.array(self.motion.way_points[0].position_m)
+        origin, yaw = self.motion.at(time_s)
+        arm, turn = np.array(self.position_m) - first, float(yaw) - start.yaw_rad
+        position = self.position_m + (origin - first) + (rotation_z(turn) @ arm - arm)
+        quat = quat_mul(quat_from_yaw(turn), self.quaternion_wxyz)
+        return replace(self, position_m=tuple(position.tolist()), quaternion_wxyz=tuple(quat.tolist()), motion=None)
+
+    def velocity_at(self, time_s: float) -> Velocity:
+        """How the obstacle moves at `time_s` [s]; zero where it has no motion."""
+        if self.motion is None:
+            return Velocity(name=self.name, v_W=(0.0, 0.0, 0.0), yaw_rate_rad_s=0.0)
+        v_W, rate = self.motion.rate_at(time_s)
+        arm = np.array(self.at(time_s).position_m) - self.motion.at(time_s)[0]
+        v_W = v_W + float(rate) * np.array([-arm[1], arm[0], 0.0])
+        return Velocity(name=self.name, v_W=cast(Vec3, tuple(v_W.tolist())), yaw_rate_rad_s=float(rate))
 
     def signed_distance(self, p_W: ArrayLike) -> NDArray[np.float64]:
         """Exact, (..., 3) in W [m] -> (...) [m], negative inside."""
@@ -80,13 +113,23 @@ class Obstacle:
             "shape": self.shape.to_dict(),
             "position_m": list(self.position_m),
             "quaternion_wxyz": list(self.quaternion_wxyz),
-        }
+        } | ({"motion": self.motion.to_dict()} if self.motion else {})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Velocity:
+    """How a named obstacle moves: velocity of its position in W [m/s], and turning rate about z [rad/s]."""
+
+    name: str
+    v_W: Vec3
+    yaw_rate_rad_s: float
 
 
 @dataclass(frozen=True)
 class Scene:
     """A place to carry an object through.
 
+    Obstacles may move: distances are those of the first moment, `at` gives another, `still` what never moves.
     `bounds_m`: lowest and highest corner in W; `start`: x, y [m], yaw [rad] of the pelvis; `goal`: x, y [m];
     `source`: the map it was cut from, if any.
     Raises `InvalidScene`, see the module.
@@ -127,6 +170,30 @@ class Scene:
     def goal_W(self) -> NDArray[np.float64]:
         """The field's goal, (3,) in W [m], at pelvis height."""
         return np.array([*self.goal, GOAL_HEIGHT_M])
+
+    @property
+    def moving(self) -> tuple[Obstacle, ...]:
+        """Obstacles with a motion."""
+        return tuple(o for o in self.obstacles if o.motion is not None)
+
+    def still(self) -> Scene:
+        """The scene without what moves; itself where nothing does."""
+        if not self.moving:
+            return self
+        return replace(self, obstacles=tuple(o for o in self.obstacles if o.motion is None))
+
+    def at(self, time_s: float) -> MomentaryScene:
+        """The scene at `time_s` [s] since the start of an episode, with velocities of what moves then."""
+        checks.number("time_s", time_s, error=InvalidScene)
+        return MomentaryScene(
+            self.name,
+            self.bounds_m,
+            self.start,
+            self.goal,
+            tuple(o.at(time_s) for o in self.obstacles),
+            self.source,
+            velocities=tuple(o.velocity_at(time_s) for o in self.moving),
+        )
 
     def signed_distance(self, p_W: ArrayLike) -> NDArray[np.float64]:
         """Exact distance to the nearest obstacle, (..., 3) in W [m] -> (...) [m]; inf without obstacles."""
@@ -252,12 +319,18 @@ def _check_names(obstacles: tuple[Obstacle, ...]) -> None:
         if obstacle.name in seen:
             raise InvalidScene(f"obstacle name {obstacle.name!r} occurs twice: names must differ")
         seen.add(obstacle.name)
+    if (moving := sum(o.motion is not None for o in obstacles)) > MAX_MOVING:
+        raise InvalidScene(f"{moving} obstacles have a motion: at most {MAX_MOVING} may move")
 
 
 @dataclass(frozen=True)
 class MomentaryScene(Scene):
-    """A scene at one instant of a world that moves: obstacles may be over start or goal. Raises `InvalidScene`."""
+    """A scene at one instant of a world that moves: obstacles may be over start or goal. Raises `InvalidScene`.
 
+    `velocities`: of what moves, where that is known; scene files do not hold them.
+    """
+
+    velocities: tuple[Velocity, ...] = ()
     ENDS_CLEAR: ClassVar[bool] = False
 
 
@@ -275,7 +348,10 @@ def _check_clear(scene: Scene) -> None:
         heights = [z for z in COLUMN_HEIGHTS_M if low[2] <= z <= high[2]]
         column = np.array([[*xy, z] for z in heights])
         for obstacle in scene.obstacles:
-            if (obstacle.signed_distance(column) <= 0).any():
+            # what moves may pass over the goal, but must not begin at the start
+            if obstacle.motion is not None and what == "goal":
+                continue
+            if (obstacle.at(0.0).signed_distance(column) <= 0).any():
                 raise InvalidScene(f"{what} {xy} is inside obstacle {obstacle.name!r} at a height of 0.1 to 1.2 m")
 
 
@@ -289,14 +365,15 @@ def _coordinates(where: str, value: object, length: int) -> tuple[float, ...]:
 
 def _obstacle_from_dict(index: int, entry: Any, folder: Path | None) -> Obstacle:
     required = ("name", "category", "shape", "position_m")
-    checks.mapping(f"obstacles[{index}]", entry, required, ("quaternion_wxyz",), InvalidScene)
+    checks.mapping(f"obstacles[{index}]", entry, required, ("quaternion_wxyz", "motion"), InvalidScene)
     _check_name(f"obstacles[{index}]", entry["name"])
     try:
         shape = shape_from_dict(entry["shape"], folder)
+        motion = Motion.from_dict(entry["motion"]) if "motion" in entry else None
     except InvalidScene as error:
         raise InvalidScene(f"obstacle {entry['name']!r}: {error}") from None
     quat = entry.get("quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))
-    return Obstacle(entry["name"], entry["category"], shape, entry["position_m"], quat)
+    return Obstacle(entry["name"], entry["category"], shape, entry["position_m"], quat, motion)
 
 
 def _copy_mesh(shape: MeshShape, folder: Path) -> list[Path]:

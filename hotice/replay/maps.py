@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hotice.model.scene import Scene
 from hotice.replay.picture import CATEGORY_COLORS, GOAL_COLOR, ROOT_COLOR
-from hotice.replay.solids import obstacle_geom, obstacle_triangles, outline, placed
+from hotice.replay.solids import course_of, obstacle_geom, obstacle_triangles, outline, placed
 from hotice.task.rules import GOAL_M
 
 _ALPHA = {"ground": 0.85, "side": 0.75, "overhead": 0.35}
@@ -20,7 +20,10 @@ _ALPHA = {"ground": 0.85, "side": 0.75, "overhead": 0.35}
 
 
 def draw_map(axes: Axes, scene: Scene, path_W: NDArray[np.float64] | None = None) -> None:
-    """Draws obstacles by category, start, goal and a path (n, 2 or more; x, y first) in W [m]."""
+    """Draws obstacles by category, start, goal and a path (n, 2 or more; x, y first) in W [m].
+
+    What moves stands where it is at first, its way a dotted line.
+    """
     for obstacle in sorted(scene.obstacles, key=lambda o: ("ground", "side", "overhead").index(o.category)):
         vertices, faces = obstacle_triangles(obstacle)
         corners = placed(vertices, np.array(obstacle.position_m), np.array(obstacle.quaternion_wxyz))[:, :2]
@@ -35,6 +38,8 @@ def draw_map(axes: Axes, scene: Scene, path_W: NDArray[np.float64] | None = None
                 linewidth=0.8,
             )
         )
+        if obstacle.motion is not None:
+            axes.plot(*course_of(obstacle)[:, :2].T, color=color, linewidth=1.2, linestyle=":", zorder=4)
     if path_W is not None:
         axes.plot(*np.asarray(path_W)[:, :2].T, color=ROOT_COLOR, linewidth=1.6, zorder=5)
     x, y, yaw = scene.start

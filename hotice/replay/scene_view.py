@@ -20,7 +20,7 @@ from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.replay.meshcat_page import page_viewer
 from hotice.replay.picture import ARROW_M, CATEGORY_COLORS, FIELD_SCALE, GOAL_COLOR, OBJECT_COLOR, OGF_COLOR, SGF_COLOR
 from hotice.replay.rollout import RolloutRecord
-from hotice.replay.solids import obstacle_triangles, placed, triangles
+from hotice.replay.solids import course_of, obstacle_triangles, placed, triangles
 
 Array = NDArray[np.float64]
 CARRIED = Box((0.3, 0.3, 0.3), 1.5)
@@ -36,6 +36,8 @@ def scene_page(scenes: Sequence[Scene], *, robot: bool = True, arrows: bool = Fa
         scenes: at least one.
         robot: shows its collision geometry at the start, holding a box of 30 cm.
         arrows: shows both fields at pelvis height, as long as in replays.
+
+    What moves stands where it is at first, its way drawn as arrows of a fifth of a second each.
 
     Raises:
         HoticeError: there is no scene, or meshcat is not installed.
@@ -126,6 +128,9 @@ def _add_scene(at: Any, scene: Scene) -> None:
         vertices, faces = obstacle_triangles(obstacle)
         points = placed(vertices, np.array(obstacle.position_m), np.array(obstacle.quaternion_wxyz))
         _add_solid(at["obstacles"][obstacle.category][name], points, faces, CATEGORY_COLORS[obstacle.category], 0.85)
+        if obstacle.motion is not None:
+            course = course_of(obstacle)
+            _add_segments(at["motions"][name], course[:-1], np.diff(course, axis=0), CATEGORY_COLORS[obstacle.category])
     for name, xy, color in (("start", scene.start[:2], SGF_COLOR), ("goal", scene.goal, GOAL_COLOR)):
         vertices, faces = triangles("cylinder", (0.1, 0.004), 32)
         _add_solid(at[name]["disc"], vertices + [*xy, 0.004], faces, color)

@@ -61,6 +61,19 @@ def obstacle_triangles(obstacle: Obstacle) -> tuple[Array, NDArray[np.int64]]:
     return triangles(kind, size, 32)
 
 
+COURSE_S = 0.2
+"""Time from one place of a course to the next, where that is no more than `MOST_PLACES` of them."""
+MOST_PLACES = 200
+
+
+def course_of(obstacle: Obstacle) -> Array:
+    """Places of an obstacle that moves, (n, 3) in W [m], from its first way point to its last."""
+    assert obstacle.motion is not None
+    first, last = obstacle.motion.knots_s[[0, -1]]
+    count = int(np.clip(np.ceil((last - first) / COURSE_S), 1, MOST_PLACES - 1)) + 1
+    return np.array([obstacle.at(float(time_s)).position_m for time_s in np.linspace(first, last, count)])
+
+
 def placed(vertices: Array, position_W: Array, quat_W: Array) -> Array:
     """Vertices (V, 3) in a solid's frame -> (V, 3) in W."""
     return vertices @ quat_to_mat(quat_W).T + position_W

@@ -194,11 +194,14 @@ class BatchEnv:
         action = action.detach().to(self.device, torch.float32)
         invalid = ~torch.isfinite(action).all(dim=1)
         m.action = action.masked_fill(invalid[:, None], 0.0).clamp(-limit, limit)
-        target = self.carry.target[m.model] + self.action_scale * m.action
-        self.physics.ctrl[:] = target.to(self.physics.ctrl.dtype)
+        self.physics.ctrl[:] = self.targets(m.action).to(self.physics.ctrl.dtype)
         m.phase = (m.phase + 2 * torch.pi * self.config.gait_hz * self.config.control_dt_s) % (2 * torch.pi)
         m.step = m.step + 1
         return invalid
+
+    def targets(self, action: Tensor) -> Tensor:
+        """Servo targets (N, 20) [rad] of actions (N, 20): around those of the carry state."""
+        return self.carry.target[self.memory.model] + self.action_scale * action
 
     def _advance(self) -> None:
         """Physics of one control step; until a delayed target arrives, the motors hold the one before."""

@@ -172,6 +172,46 @@ def test_check_says_which_scene_is_bad(tmp_path, capsys, monkeypatch):
     refused(capsys, "check")
 
 
+def moving_scene(speed):
+    from hotice.model.moving.person import walking_person
+
+    return Scene("walks", obstacles=walking_person("ann", [(1.0, -0.9), (1.0, 0.9)], speed))
+
+
+def test_what_moves_is_checked_in_time(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "400")
+    moving_scene(0.8).save(tmp_path / "walks.json")
+    assert run("check", tmp_path / "walks.json") == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "2s 2m" in out and "ok, there in" in out
+    from hotice.model import Obstacle
+    from hotice.model.geometry.shapes import BoxShape
+    from hotice.model.moving.motion import Motion, WayPoint
+
+    shut = Motion(way_points=tuple(WayPoint(time_s=t, position_m=(1.0, y, 0.0)) for t, y in ((0.0, 2.2), (0.9, 0.0))))
+    Scene(
+        "shuts", obstacles=(Obstacle("gate", "side", BoxShape((0.1, 3.0, 1.5)), (1.0, 2.2, 0.75), motion=shut),)
+    ).save(tmp_path / "shuts.json")
+    assert run("check", tmp_path / "shuts.json") == 1
+    assert "no way in time: at 4.5 s" in " ".join(capsys.readouterr().out.split())
+    assert "obstacle 'gate' moves, which a map does not know yet" in refused(capsys, "scan", tmp_path / "shuts.json")
+
+
+def test_ways_of_what_moves_are_drawn(monkeypatch):
+    from hotice.replay import scene_view
+
+    drawn, add = {}, scene_view._add_segments
+    monkeypatch.setattr(
+        scene_view, "_add_segments", lambda at, *rest: (drawn.update({at.path.lower(): rest}), add(at, *rest))
+    )
+    scene_view.scene_page([moving_scene(0.9)], robot=False)
+    (start, shaft, _), *others = [rest for path, rest in drawn.items() if "motions" in path]
+    assert len(others) == 1 and len(start) == 10
+    np.testing.assert_allclose(start[0, :2], (1.0, -0.9))
+    np.testing.assert_allclose((start + shaft)[-1, :2], (1.0, 0.9))
+    np.testing.assert_allclose(shaft, np.tile([0.0, 0.18, 0.0], (10, 1)), atol=1e-12)
+
+
 def test_list_names_scenes_and_families(capsys):
     assert run("list") == 0
     out = capsys.readouterr().out

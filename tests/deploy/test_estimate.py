@@ -24,6 +24,7 @@ from hotice.model.frames import (
     quat_mul,
     quat_rotate,
     quat_to_mat,
+    yaw_from_quat,
 )
 from hotice.model.objects import Box
 from hotice.model.robot_state import RobotState
@@ -330,6 +331,25 @@ def test_five_poses_elsewhere_are_a_dispute(rng):
         assert estimate.pose_age_s == pytest.approx(0.1 * i if i < 5 else 0.0)
     estimator.settle()
     assert not estimator.update(state, 0.52).disputed
+
+
+def test_a_turn_that_no_gyro_felt_is_refused_then_a_dispute(rng):
+    """While the robot turns as fast as its gyro says, nothing is refused."""
+    robot = still(rng)
+    poses, state = Poses(robot), state_of(robot)
+    poses.estimator.update(state, 0.0)
+    for i in range(1, 6):
+        poses.pelvis = SeenPose(robot.p_WP, quat_mul(quat_from_yaw(3.0), robot.quat_WP), 0.1 * i)
+        estimate = poses.estimator.update(state, 0.1 * i)
+        turned = estimate.percept.yaw[0] - yaw_from_quat(robot.quat_WP)
+        assert estimate.disputed is (i == 5) and np.cos(turned - (3.0 if i == 5 else 0.0)) > 0.999
+    turning = replace(a_robot(rng), quat_WP=quat_from_yaw(0.0), w_WP_P=np.array([0.0, 0.0, 2.0]))
+    poses = Poses(turning)
+    for i in range(30):
+        quat = quat_from_yaw(2.0 * 0.02 * i)
+        poses.pelvis = SeenPose(turning.p_WP, quat, 0.02 * (i - i % 5))
+        estimate = poses.estimator.update(state_of(replace(turning, quat_WP=quat)), 0.02 * i)
+        assert estimate.pose_verdict == "ok" and not estimate.disputed
 
 
 def test_a_box_that_is_not_seen_moves_with_the_pelvis(rng):

@@ -176,6 +176,18 @@ def test_a_dispute_is_told_and_ends_where_a_key_goes_on(policy, pf, carry, rng, 
     assert desk.tick(mode, robot)["pose_disputed"] == (not ends)
 
 
+def test_a_place_that_is_disputed_is_not_gone_by(policy, pf, carry, rng):
+    """From the first tick on, before the guard holds: the policy reads a goal where it is."""
+    robot = a_robot(carry, rng)
+    percept, ours = PerceptModel(carry.carried)(*robot.to_mujoco(29)), CarryPolicy(policy, carry)
+    desk = Desk(policy, pf, carry, robot)
+    desk.known.disputed = True
+    here = np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
+    reading = read_standing(read_fields(pf, percept, ours.task), percept, here, ours.task, pf.params.attraction)
+    expected = desk.runner.all_joints(ours.act(percept, reading))
+    np.testing.assert_allclose(desk.tick(Mode.CARRY, robot)["q"], expected, atol=1e-4)
+
+
 def test_a_policy_that_answers_nonsense_gives_no_targets(policy, pf, carry, rng):
     robot = a_robot(carry, rng)
     ours = CarryPolicy(policy, carry)
@@ -265,10 +277,8 @@ class Chain:
         self.status = status.copy()
 
 
-@pytest.mark.slow
-def test_from_the_gantry_to_the_goal(policy, pf):
-    """Hanging, brakes, posture, the box handed over, lowered, carried through the gap, held there, stopped."""
-    chain = Chain(policy, pf)
+def to_the_carry(chain):
+    """Hanging, brakes, posture, the box handed over, lowered."""
     robot, guard = chain.lab.robot, chain.guard
     chain.go(0.6)
     chain.ask("start")
@@ -284,6 +294,37 @@ def test_from_the_gantry_to_the_goal(policy, pf):
     robot.press("F2")
     chain.go(6.0, lambda: robot.gantry._slack)
     chain.ask("carry")
+
+
+@pytest.mark.slow
+def test_a_turn_that_no_gyro_felt_ends_in_a_robot_that_stands(policy, pf):
+    """Localization is turned by 3 rad in mid-walk: it is refused, then told as a dispute, and held."""
+    chain = Chain(policy, pf)
+    turned, true = quat_from_yaw(3.0), chain.lab.pelvis
+    off = [False]
+    chain.runner._estimator._pelvis = lambda *_: (
+        (pose := true())._replace(quat=quat_mul(turned, pose.quat)) if off[0] else true()
+    )
+    to_the_carry(chain)
+    chain.go(1.5)
+    assert chain.guard.mode is Mode.CARRY
+    off[0] = True
+    chain.go(0.3)
+    assert chain.guard.mode is Mode.HOLD and chain.guard.cause.name == "POSE_DISPUTED", chain.events
+    pelvis = chain.lab.world.data.body(g1.ROOT_BODY)
+    place = pelvis.xpos.copy()
+    for _ in range(8):
+        chain.go(1.0)
+        print(np.linalg.norm(pelvis.xpos - place), pelvis.xmat[8], pelvis.xpos)
+    assert chain.guard.mode is Mode.HOLD and pelvis.xmat[8] > 0.9 and np.linalg.norm(pelvis.xpos - place) < 0.4
+
+
+@pytest.mark.slow
+def test_from_the_gantry_to_the_goal(policy, pf):
+    """The whole way: to the carry, carried through the gap, held there, stopped."""
+    chain = Chain(policy, pf)
+    guard = chain.guard
+    to_the_carry(chain)
     chain.go(10.0, lambda: guard.mode is not Mode.CARRY)
     assert guard.mode is Mode.HOLD and guard.cause.name == "DONE", chain.events
     chain.go(2.0)

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -41,6 +42,15 @@ GOOD = {
             "category": "side",
             "shape": {"type": "capsule", "radius_m": 0.04, "length_m": 1.0},
             "position_m": [1, 0.9, 0.5],
+            "motion": {
+                "repeat": "loop",
+                "between": "smooth",
+                "way_points": [
+                    {"time_s": 0.5, "position_m": [1, 0.9, 0.0]},
+                    {"time_s": 1.5, "position_m": [1, 0.2, 0.0], "yaw_rad": 1.0},
+                    {"time_s": 4, "position_m": [1, 0.9, 0], "yaw_rad": 0.0},
+                ],
+            },
         },
         {
             "name": "ball",
@@ -142,6 +152,11 @@ def load(folder, content):
         scene = Scene.load(path)
         scene.signed_distance([[1.0, 0.0, 0.75]])
         assert Scene.from_dict(scene.to_dict(), folder) == scene
+        for time_s in (0.0, 1.7, 1e9):
+            assert (
+                np.isfinite(scene.at(time_s).still().signed_distance([[1.0, 0.0, 0.75]])).all() or not scene.obstacles
+            )
+            assert all(np.isfinite(v.v_W).all() for v in scene.at(time_s).velocities)
     except HoticeError as error:
         assert acceptable(error), error
 

@@ -2,8 +2,17 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from hotice.model import load_scene
+from hotice.model import Scene, load_scene
+from hotice.model.moving.person import walking_person
 from hotice.replay.maps import draw_map
+
+
+def test_a_map_shows_the_way_of_what_moves():
+    axes, people = Figure().subplots(), walking_person("ann", [(1.0, -0.9), (1.0, 0.9)], 0.9)
+    draw_map(axes, Scene("s", obstacles=people))
+    for line in axes.lines:
+        np.testing.assert_allclose(line.get_xydata()[[0, -1]], [(1.0, -0.9), (1.0, 0.9)])
+    assert len(axes.lines) == 2
 
 
 def test_a_map_shows_every_obstacle_where_it_stands_and_the_path():

@@ -6,7 +6,9 @@ import pytest
 from hotice.errors import InvalidConfig
 from hotice.model.frames import rotation_z
 from hotice.safety import JumpLimits, PoseGate
+from hotice.safety.jumps import AGREED, NEAR, REFUSED, jump_limits
 from hotice.safety.limits import BOX_JUMP, POSE_JUMP
+from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 HERE = np.array([0.3, 0.0, 0.1])
 
@@ -32,6 +34,24 @@ def test_five_that_agree_are_believed():
     assert gate.accepts(HERE, np.eye(3))
     assert [gate.accepts(there, np.eye(3)) for _ in range(6)] == [False] * 4 + [True] * 2
     assert not gate.accepts(HERE, np.eye(3)), "there is the truth now"
+
+
+def test_a_gate_says_why_it_accepts():
+    gate, there = PoseGate(BOX_JUMP), HERE + [0.5, 0.0, 0.0]
+    said = [gate.judge(p, np.eye(3)) for p in (HERE, HERE, there, there, there, there, there, there)]
+    assert said == [NEAR, NEAR, *[REFUSED] * 4, AGREED, NEAR]
+
+
+def test_noise_of_sensors_is_no_jump():
+    """Two poses of the filter's first mean, or of none, are as far apart as the corners of their noise."""
+    assert jump_limits(SensingConfig()) == (POSE_JUMP, BOX_JUMP)
+    place, box = jump_limits(STUDENT_SENSING)
+    assert place.distance_m == pytest.approx(0.15 + 2 * 0.02 * np.sqrt(3)) and box.agreeing == BOX_JUMP.agreeing
+    assert place.angle_rad == pytest.approx(np.radians(10.0) + 0.06)
+    assert box.distance_m == pytest.approx(0.10 + 0.05 * np.sqrt(3))
+    raw = jump_limits(SensingConfig(object_pos_m=0.05, object_rot_rad=2.0, root_hz=10.0))
+    assert raw[1].distance_m == pytest.approx(0.10 + 0.10 * np.sqrt(3)) and raw[1].angle_rad == np.pi
+    assert raw[0].distance_m == pytest.approx(0.25) and raw[0].angle_rad == pytest.approx(np.radians(10.0) + 0.2)
 
 
 def test_what_does_not_agree_or_comes_back_is_not():

@@ -13,7 +13,16 @@ import torch
 from hotice.errors import InvalidConfig
 from hotice.model import g1
 from hotice.model.dynamics import ROBOT_NOMINAL
-from hotice.model.picks.book import LEAN_HZ, STIFFER, TRACK_PLACE, TRACK_RATE, PickBook, balance
+from hotice.model.picks.book import (
+    FELT_M,
+    LEAN_HZ,
+    STIFFER,
+    TRACK_PLACE,
+    TRACK_RATE,
+    PickBook,
+    balance,
+    hold_up,
+)
 from hotice.sim.observations import mirror_action
 from hotice.sim.pickup.env import PickUpEnv
 from hotice.sim.pickup.snapshot import half_span
@@ -77,7 +86,7 @@ def test_labels_are_the_books_targets_where_robot_and_plan_agree(book):
         s = env.snapshot()
         course = torch.tensor(book.joint_pos[:, min(k, book.steps - 1)])
         zero = torch.zeros(4, 2)
-        target = env.carry.target + env.action_scale * env.label(replace(s, q=course, offset=zero, rate=zero))
+        target = env.targets(env.label(replace(s, q=course, offset=zero, rate=zero)))
         np.testing.assert_allclose(target, book.target[:, min(k, book.steps - 1)], atol=1e-5)
 
 
@@ -91,17 +100,32 @@ def test_labels_add_balance_stiffness_and_the_true_gains(book):
     course = torch.tensor(book.joint_pos[:, 200])
     offset, rate = torch.tensor([[0.02, -0.01]] * 4), torch.tensor([[0.1, 0.05]] * 4)
     s = replace(env.snapshot(), q=course - 0.03, offset=offset, rate=rate)
-    got = env.carry.target + env.action_scale * env.label(s)
+    got = env.targets(env.label(s))
     wanted = course + (torch.tensor(book.target[:, 200]) - course) / 1.25 + 0.01
     wanted[:, g1.LOWER] += STIFFER * 0.03
     wanted = wanted + torch.tensor(balance(offset.numpy() + [0.01 * LEAN_HZ, 0.0], rate.numpy()))
     np.testing.assert_allclose(got, wanted, atol=1e-5)
 
 
+def test_the_law_is_that_of_the_book_from_what_actors_read(book):
+    """Torch and NumPy twins, also where both are clipped; whatever the action, the same is added."""
+    env = make(book)
+    env.reset()
+    offset = torch.tensor([[0.05, -0.02], [FELT_M + 0.1, 0.0], [-0.1, 0.01], [0.0, -1.0]])
+    rate = torch.tensor([[0.2, 0.1], [0.0, 2.0], [-3.0, 0.0], [0.1, 0.1]])
+    env.read[:, env.policy_table.columns(["felt"])] = torch.cat([10.0 * offset, rate], dim=1)
+    action = torch.rand(4, 20, generator=torch.Generator().manual_seed(0))
+    alone = env.carry.target[env.memory.model] + env.action_scale * action
+    np.testing.assert_allclose(env.targets(action) - alone, hold_up(offset.numpy(), rate.numpy()), atol=1e-6)
+    env.step(action)
+    kept = alone + torch.tensor(hold_up(offset.numpy(), rate.numpy()))
+    np.testing.assert_allclose(env.physics.ctrl, kept, atol=1e-5)
+
+
 def test_the_last_action_at_the_start_is_what_holds_the_start(book):
     env = make(book, joint_noise_rad=0.0)
     env.reset()
-    target = env.carry.target[env.memory.model] + env.action_scale * env.memory.action
+    target = env.targets(env.memory.action)
     np.testing.assert_allclose(target, env.carry.course_target[env.memory.model, 0], atol=1e-5)
     assert float(env.snapshot().above.abs().max()) < 0.01
 
@@ -153,11 +177,11 @@ def test_the_felt_offset_is_that_of_encoders_and_tilt(book):
     sensing = SensingConfig(action_delay_s=0.005)
     env = PickUpEnv(2, book, config=replace(pickup_task(TaskConfig()), sensing=sensing), threads=1)
     env.reset()
-    place, rate = env.snapshot().offset, torch.zeros(2, 2)
+    place, rate = env.snapshot().felt[:, :2], torch.zeros(2, 2)
     for _ in range(20):
         env.step(env.label())
         foreseen = place + 0.02 * rate
-        off = env.snapshot().offset - foreseen
+        off = env.snapshot().felt[:, :2] - foreseen
         place, rate = foreseen + TRACK_PLACE * off, rate + TRACK_RATE / 0.02 * off
         np.testing.assert_allclose(env.sensors.felt, torch.cat([place, rate], dim=1), atol=2e-4)
     s, ids = env.snapshot(), env.everyone
@@ -188,6 +212,11 @@ def test_what_no_robot_knows_is_not_in_the_observation(book):
     )
     size = env.policy_table.size
     np.testing.assert_array_equal(env.policy_table(s), env.policy_table(changed))
+    felt = s.felt
+    env.carry.course_pelvis[:, :-1] += 0.1
+    env.carry.course_rate[:] += 0.1
+    np.testing.assert_array_equal(env.snapshot().felt, felt)
+    assert (env.snapshot().offset != s.offset).all()
     assert (env.critic_table(s)[:, size:] != env.critic_table(changed)[:, size:]).any()
     assert {"gyro", "gravity", "object_pose", "object_mass", "support"} <= {row.name for row in POLICY}
 

@@ -14,6 +14,7 @@ from hotice.deploy.slot.slot import slot_path
 from hotice.deploy.sources.udp import POSE_PORT, TAGS_PORT
 from hotice.errors import InvalidConfig
 from hotice.files import read_bytes
+from hotice.model.moving.still import only_still
 from hotice.model.scene import Scene
 from hotice.model.shipped import load_scene
 
@@ -101,7 +102,7 @@ class DeployConfig:
 
 def fitting_scene(config: DeployConfig) -> Scene:
     """The scene, which is the given map's. Raises `HoticeError`."""
-    scene = load_scene(config.scene)
+    scene = only_still(load_scene(config.scene), "the robot's program")
     if config.map is None:
         return scene
     if scene.source is None:

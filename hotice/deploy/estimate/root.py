@@ -9,7 +9,7 @@ from hotice.deploy.estimate.seen import SeenPose
 from hotice.model.frames import rotation_z, yaw_from_quat
 from hotice.policy.measuring import heading, root_at, track_gravity, track_root
 from hotice.safety import PoseGate
-from hotice.safety.jumps import near
+from hotice.safety.jumps import NEAR, REFUSED
 from hotice.safety.limits import POSE_JUMP
 from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT
 
@@ -70,9 +70,10 @@ class RootTracker:
             seen = seen + np.array([*self.root[5:], turning]) * late_s
         known, newest = _flat(ahead[:3], heading(ahead)[0]), _flat(seen[:3], seen[3])
         self._gate.track(known[:3], known[3:])
-        if not self._gate.accepts(newest[:3], newest[3:]):
+        said = self._gate.judge(newest[:3], newest[3:])
+        if said == REFUSED:
             self.root, self.verdict = ahead, "elsewhere than tracking"
-        elif near(known, newest, POSE_JUMP):
+        elif said == NEAR:
             self.root = track_root(self.root, seen, turning, REFRESH_S, passed_s)
             self.accepted_s = self._seen_s
         else:

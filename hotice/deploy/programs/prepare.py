@@ -13,6 +13,7 @@ from hotice.deploy.tags import BoxPoser, box_bundle
 from hotice.errors import InvalidConfig
 from hotice.fields.hod_pf import HodPf, build_hod_pf
 from hotice.model.carry import CarryState, solve_carry
+from hotice.model.moving.still import only_still
 from hotice.model.objects import Box
 from hotice.model.shipped import load_scene
 from hotice.policy import PolicySession, PolicyTask, check_layout, open_policy
@@ -33,7 +34,7 @@ def prepare(options: RunnerOptions, say: Callable[[str], None]) -> Prepared:
     policy = open_policy(options.policy)
     task = PolicyTask.from_meta(policy.meta, policy.name)
     check_layout(policy.name, policy.layout, layout_of(task))
-    scene = load_scene(options.scene)
+    scene = only_still(load_scene(options.scene), "the runner")
     say("carry state of the box")
     carry = solve_carry(Box(options.box[:3], options.box[3]))
     say(f"fields of {scene.name}")

@@ -54,6 +54,7 @@ class RobotRunner:
         self._targets = np.zeros((), TARGETS)
         self._targets["q"] = self.all_joints(self.policy.rest)
         self._place_W: Array | None = None
+        self._unsure = False
         self._goal_W = np.array([*pf.scene.goal_W[:2], GOAL_HEIGHT_M])
         self.estimate: Estimate | None = None
         """The newest."""
@@ -123,7 +124,7 @@ class RobotRunner:
 
     def _resting(self) -> Array:
         self.policy.reset()
-        self._place_W = None
+        self._place_W, self._unsure = None, False
         self._targets["done"] = 0
         return self.policy.rest
 
@@ -131,7 +132,9 @@ class RobotRunner:
         if estimate is None:
             return None
         reading = read_fields(self._pf, estimate.percept, self.policy.task)
-        if mode is Mode.CARRY:
+        # a place that is disputed is not gone by, not for the moment either that the guard takes to hold
+        self._unsure = estimate.disputed or (self._unsure and mode is not Mode.CARRY)
+        if mode is Mode.CARRY and not self._unsure:
             there = arrived(float(reading.goal_distance[0]))
             self._targets["done"] = there
             # who stops there stands at the goal, not where it was when it was near enough
@@ -143,7 +146,10 @@ class RobotRunner:
         return self.policy.act(estimate.percept, reading)
 
     def _standing(self, reading: FieldReading, percept: Percept) -> FieldReading:
-        """The reading of a robot that stays where it was when it began to stand."""
-        if self._place_W is None:
+        """The reading of a robot that stays where it was when it began to stand.
+
+        Since a dispute it stays where it is: by a heading that is wrong, the way back would lead away.
+        """
+        if self._place_W is None or self._unsure:
             self._place_W = np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
         return read_standing(reading, percept, self._place_W, self.policy.task, self._pf.params.attraction)

@@ -35,6 +35,7 @@ from hotice.deploy.simulated.world import STEP_S, World
 from hotice.deploy.sources.protocol import Sender
 from hotice.deploy.tags import box_bundle
 from hotice.model.carry import CarryState, solve_carry
+from hotice.model.moving.still import only_still
 from hotice.model.scene import Scene
 from hotice.model.shipped import load_scene
 from hotice.task.protocols import get_protocol
@@ -100,7 +101,7 @@ class SimulatedRobot:
         protocol = get_protocol("robot")
         self.world = World(
             carry or solve_carry(config.carried),
-            scene or load_scene(config.scene),
+            only_still(scene or load_scene(config.scene), "the simulated robot"),
             protocol,
             protocol.dynamics if config.dynamics == "drawn" else protocol.nominal,
             config.seed,

@@ -24,6 +24,9 @@ class PickDistillConfig(DistillConfig):
     teacher_updates: tuple[int, int] = (8, 40)
     """Updates until which the teacher alone acts, and from which on the student alone does; in between the share of
     robots that the student drives grows."""
+    rescue_m: float = 0.05
+    """Offset of the pelvis from the plan beyond which the teacher drives a robot of the student until it is back [m]:
+    what is learnt from robots that are lost already is how to fall."""
     num_envs: int = 256
     """Parallel environments."""
     aggregate: int = 48
@@ -44,6 +47,7 @@ class PickDistillConfig(DistillConfig):
         first, last = self.teacher_updates
         checks.whole("teacher_updates", first, checks.NOT_NEGATIVE)
         checks.whole("teacher_updates", last, checks.NOT_NEGATIVE)
+        checks.number("rescue_m", self.rescue_m, checks.POSITIVE)
         if last < first:
             raise InvalidConfig(f"teacher_updates is {first} {last}: the second must not be less than the first")
 

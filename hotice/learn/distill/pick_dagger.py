@@ -1,7 +1,8 @@
 """From plans to a policy: DAgger whose teacher is a book of picks, played back with the true state in sight.
 
 At first the teacher drives, because an untrained student falls before it has seen anything; then more and more robots
-are the student's. Whoever drives, the teacher says of every state what it would have done.
+are the student's. Where one of them is about to fall, the teacher takes over (SafeDAgger, Zhang and Cho 2017). Whoever
+drives, the teacher says of every state what it would have done.
 """
 
 from __future__ import annotations
@@ -63,10 +64,10 @@ class PickDistillRunner(DistillRunner):
         self.algo.labels.add(Labels(obs=self.sensed.flatten(0, 1), mean=self.wanted.flatten(0, 1), teacher=none))
 
     def _act(self, t: int) -> Tensor:
+        env, s = self.env, self.env.snapshot()
         self.sensed[t] = self.obs
-        self.wanted[t] = self.env.label()
+        self.wanted[t] = env.label(s)
         action = Runner._act(self, t)
-        mine = round(self.config.share(self.update) * self.env.num_envs)
-        action = action.clone()
-        action[mine:] = self.wanted[t, mine:]
-        return action
+        mine = round(self.config.share(self.update) * env.num_envs)
+        taught = (env.everyone >= mine) | (s.offset.norm(dim=1) > self.config.rescue_m)
+        return torch.where(taught[:, None], self.wanted[t], action)

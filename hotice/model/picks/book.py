@@ -32,6 +32,8 @@ STIFF_N_M, DAMP_NS_M = 770.0, 150.0
 HEIGHT_M = 0.7
 OFF_M, OFF_M_S = 0.08, 0.8
 """Farther off counts as this."""
+FELT_M = 0.2
+"""Farther off counts as this where the offset is from the carry state's place and no plan is known."""
 STIFFER = 0.5
 """Legs are held by so much stiffer servos, as a share of themselves: against gains that are not as described."""
 LEAN_HZ, LEAN_M_S = 0.5, 0.03
@@ -67,6 +69,16 @@ def balance(offset: Array, rate: Array) -> NDArray[np.float64]:
     """
     stiff, damp = balance_gains()
     return np.clip(offset, -OFF_M, OFF_M) @ stiff + np.clip(rate, -OFF_M_S, OFF_M_S) @ damp
+
+
+def hold_up(offset: Array, rate: Array) -> NDArray[np.float64]:
+    """Part of the law that turns a student's actions into targets (..., 20) [rad], whatever the action.
+
+    As `balance`, but from where the carry state has the pelvis over the feet: a student has no plan, and says with its
+    action where else it should be.
+    """
+    stiff, damp = balance_gains()
+    return np.clip(offset, -FELT_M, FELT_M) @ stiff + np.clip(rate, -OFF_M_S, OFF_M_S) @ damp
 
 
 @dataclass(frozen=True, kw_only=True)

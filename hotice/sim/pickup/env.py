@@ -12,6 +12,7 @@ from hotice.errors import InvalidConfig
 from hotice.model import g1
 from hotice.model.picks.book import (
     DT_S,
+    FELT_M,
     LEAN_HZ,
     LEAN_M_S,
     OFF_M,
@@ -28,7 +29,7 @@ from hotice.sim.physics.ram import check_memory
 from hotice.sim.pickup.bank import PickBank
 from hotice.sim.pickup.sensing import PickSensors
 from hotice.sim.pickup.snapshot import PickMemory, PickReader, PickSnapshot
-from hotice.sim.pickup.tables import KNOWN, PRIVILEGED, REWARDS, TERMINATIONS, policy_rows
+from hotice.sim.pickup.tables import FELT_SCALE, KNOWN, PRIVILEGED, REWARDS, TERMINATIONS, policy_rows
 from hotice.sim.rewards import RewardTable
 from hotice.sim.snapshot import Layout, Memory
 from hotice.task import history, rules
@@ -164,13 +165,15 @@ class PickUpEnv(BatchEnv):
         """Whether each robot has a pick of its own, in the order of the book (evaluation); else any is drawn."""
         self._kp = torch.tensor(g1.gains()[0], dtype=torch.float32, device=self.device)
         self._stiff, self._damp = (torch.tensor(g, dtype=torch.float32, device=self.device) for g in balance_gains())
+        self._felt = torch.nonzero(self.policy_table.columns(["felt"]))[:, 0].to(self.device)
 
     def label(self, s: PickSnapshot | None = None) -> Tensor:
         """The action of the teacher in the present state, (N, 20).
 
         The book's course and the torques that hold it, through the servo law with the gains and the zeros that the
         robot truly has; legs stiffer than their servos; the balance of the pelvis, with a slow part against a centre of
-        mass that is elsewhere than described. It sees the true state, and no force.
+        mass that is elsewhere than described. It sees the true state, and no force. What `targets` adds to every action
+        is taken off again.
         """
         s = s or self.snapshot()
         m, bank = self.memory, self.carry
@@ -183,7 +186,18 @@ class PickUpEnv(BatchEnv):
         offset, rate = s.offset.clamp(-OFF_M, OFF_M), s.rate.clamp(-OFF_M_S, OFF_M_S)
         target = target + (offset + LEAN_HZ * m.leaning) @ self._stiff + rate @ self._damp
         limit = self.config.action_limit
-        return ((target - bank.target[m.model]) / self.action_scale).clamp(-limit, limit)
+        return ((target - self.targets(torch.zeros_like(target))) / self.action_scale).clamp(-limit, limit)
+
+    def balanced(self, felt: Tensor) -> Tensor:
+        """What the law adds to the targets, (N, 20) [rad], for the row `felt` that actors read, (N, 4).
+
+        `hotice.model.picks.book.hold_up`: towards where the carry state has the pelvis over the feet.
+        """
+        offset = (felt[:, :2] / FELT_SCALE).clamp(-FELT_M, FELT_M)
+        return offset @ self._stiff + felt[:, 2:].clamp(-OFF_M_S, OFF_M_S) @ self._damp
+
+    def targets(self, action: Tensor) -> Tensor:
+        return super().targets(action) + self.balanced(self.read[:, self._felt])
 
     def spread(self) -> None:
         """Lets the robots begin at different times, so that later steps hold all phases of a pick-up."""
@@ -218,7 +232,10 @@ class PickUpEnv(BatchEnv):
         self.held[ids] = self.carry.course_target[m.model[ids], 0]
         m.action, m.last_action = m.action.clone(), m.last_action.clone()
         # what holds the start is the action before the first: the robot is told it already
-        first = (self.held[ids] - self.carry.target[m.model[ids]]) / self.action_scale
+        model = m.model[ids]
+        off = self.carry.course_pelvis[model, 0] - self.carry.course_pelvis[model, -1]
+        own = self.carry.target[model] + self.balanced(torch.cat([FELT_SCALE * off, torch.zeros_like(off)], dim=1))
+        first = (self.held[ids] - own) / self.action_scale
         m.action[ids] = m.last_action[ids] = first.clamp(-self.config.action_limit, self.config.action_limit)
         m.past[ids] = m.true_past[ids] = 0.0
         m.held[ids] = 0

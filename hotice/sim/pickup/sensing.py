@@ -56,7 +56,7 @@ class PickSensors(Sensors):
 
     def _feel(self, s: PickSnapshot, measured: PickSnapshot, ids: Tensor) -> Tensor:
         """Offset and rate (n, 4) of the pelvis over the feet after the newest measurement."""
-        offset = s.offset + _over_feet(measured) - _over_feet(s)
+        offset = s.felt[:, :2] + _over_feet(measured) - _over_feet(s)
         before, rate = self.felt[ids].split(2, dim=1)
         foreseen = before + self.dt_s * rate
         first = (self.age[ids] == 1)[:, None]

@@ -35,8 +35,9 @@ class PickSnapshot(Motion):
 
     touch (N, 2): soles on the floor. action, last_action (N, 20); past (N, H), see `Memory`; time_left (N,) share.
     course_q (N, 20): joints of the plan now; phase (N,), share (N,) of it that is over.
-    offset, rate (N, 2): pelvis from where the plan has it over the feet [m], [m/s]; felt (N, 4): both, as a robot tells
-    them from its encoders and the tilt. top (N,): of the support [m];
+    offset, rate (N, 2): pelvis from where the plan has it over the feet [m], [m/s]. felt (N, 4): the same from where
+    the carry state has it, as a robot without a plan tells it from its encoders and the tilt. top (N,): of the
+    support [m];
     told (N, 1): mass as told [kg]; wrist (N, 6) [rad]. away (N,): object from its place in the carry state, seen
     from the feet [m]; turned (N,) from upright and straight [rad]; above (N,): its lowest point over the support, large
     beside it [m]. held_s (N,). robot_hit (N,): the robot touches the support; force-free, as all here.
@@ -92,8 +93,7 @@ class PickReader:
             return (frame @ v_W[:, :2, None]).squeeze(-1)
 
         ankles = bank.ankles[model]
-        offset = seen(motion.p_WP[:, :2] - feet) + ankles - bank.course_pelvis[model, k]
-        rate = seen(motion.v_WP) - bank.course_rate[model, k]
+        place, rate = seen(motion.p_WP[:, :2] - feet) + ankles, seen(motion.v_WP)
         object_G = torch.cat([seen(motion.p_WO[:, :2] - feet) + ankles, motion.p_WO[:, 2:]], dim=1)
         up = motion.R_WO[:, 2, 2].clamp(-1.0, 1.0)
         yaw = torch.atan2(seen(motion.R_WO[:, :2, 0])[:, 1], seen(motion.R_WO[:, :2, 0])[:, 0])
@@ -117,9 +117,9 @@ class PickReader:
             course_q=bank.course_q[model, k],
             phase=torch.where(step < len(bank.phase), bank.phase[k], torch.full_like(k, len(BOOK_PHASES) - 1)),
             share=torch.where(step < len(bank.phase), bank.share[k], torch.zeros_like(bank.share[k])),
-            offset=offset,
-            rate=rate,
-            felt=torch.cat([offset, rate], dim=1),
+            offset=place - bank.course_pelvis[model, k],
+            rate=rate - bank.course_rate[model, k],
+            felt=torch.cat([place - bank.course_pelvis[model, -1], rate], dim=1),
             top=bank.top[model],
             told=bank.told[model],
             wrist=bank.wrist[model],

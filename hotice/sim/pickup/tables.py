@@ -57,6 +57,8 @@ def _clock(s: PickSnapshot) -> Tensor:
     return torch.cat([now, s.share[:, None]], dim=1)
 
 
+FELT_SCALE = 10.0
+"""Of the offset in the row `felt`; its rate is read as it is."""
 _WRISTS = swap([1, 0], (np.arange(3), np.array([-1.0, 1.0, -1.0])))
 _JOINTS = g1.mirror_joints()
 _PLANE = (np.arange(2), np.array([1.0, -1.0]))
@@ -71,9 +73,9 @@ POLICY: tuple[Observation, ...] = (
     Observation("support", lambda s: 5.0 * (s.top[:, None] - 0.6), same(1), "height of the support over 0.6 m, × 5"),
     Observation(
         "felt",
-        lambda s: torch.cat([10.0 * s.felt[:, :2], s.felt[:, 2:]], dim=1),
+        lambda s: torch.cat([FELT_SCALE * s.felt[:, :2], s.felt[:, 2:]], dim=1),
         chain(_PLANE, _PLANE),
-        "pelvis from the plan over the feet, × 10, and its rate, from encoders and tilt",
+        "pelvis over the feet from where the carry state has it, × 10, and its rate, from encoders and tilt",
     ),
     Observation("wrists", lambda s: s.wrist, _WRISTS, "six angles of the locked wrists"),
 )

@@ -13,15 +13,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from hotice import checks
-from hotice.systems.signals import CONTACT_FORCE, NUM_JOINTS, ROBOT_STATE, STATUS
+from hotice.systems.failing import CONTROLLER_ERRORS, message_of
+from hotice.systems.hand_over.sound import sound
+from hotice.systems.hand_over.stage import VERDICTS
+from hotice.systems.signals import ANSWER, CONTACT_FORCE, NUM_JOINTS, ROBOT_STATE, STATUS
 
 Array = NDArray[np.float64]
 MODES = ("pickup", "policy", "walk", "hold")
 PICKUP, CARRY, WALK, HOLD = 0.0, 1.0, 2.0, 3.0
 NEVER = UNTRIED = -1.0
+_GAVE_UP = VERDICTS.index("gave_up")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +59,9 @@ class ModeSelector(LeafSystem):
     case); else mode `hold` is left to the pick-up for good.
 
     `pickup_status`, `carry_status`, `walk_status` (2,), optional, see `signals`: `status` is that of who commands.
+    `answer` (2,), optional, see `signals`: while there is a fault, and while the state is impossible, nothing is handed
+    over; the pick-up holds, and is ready anew once all is well again. An exception among `CONTROLLER_ERRORS` in a
+    rehearsal is a verdict, and `message` says what it was.
 
     Outputs `torque` (20,) [N m]; `status` (2,); `mode` (1,): index into `MODES`; `carry_active`, `walk_active` (1,): 1
     while policy or baseline commands, which rest until then; `verdict`, `walk_verdict` (1,): of the rehearsals, -1
@@ -81,6 +89,8 @@ class ModeSelector(LeafSystem):
         if rehearse is not None:
             self._walk = self.DeclareVectorInputPort("walk_torque", NUM_JOINTS)
             self._state = self.DeclareVectorInputPort("robot_state", ROBOT_STATE)
+        self._answer = self.DeclareVectorInputPort("answer", ANSWER)
+        self.DeclareAbstractState(AbstractValue.Make(""))
         self._statuses = [self.DeclareVectorInputPort(f"{name}_status", STATUS) for name in ("pickup", "carry", "walk")]
         self.DeclareVectorOutputPort("torque", NUM_JOINTS, self._output)
         self.DeclareVectorOutputPort("status", STATUS, self._output_status)
@@ -91,6 +101,10 @@ class ModeSelector(LeafSystem):
         for name, mode in (("carry_active", CARRY), ("walk_active", WALK), ("fallbacks", WALK)):
             self.DeclareVectorOutputPort(name, 1, self._is(mode), reads)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_s, 0.0, self._decide)
+
+    def message(self, context: Context) -> str:
+        """What this system's own Context says of the last rehearsal that gave up; empty without one."""
+        return str(context.get_abstract_state(0).get_value())
 
     def _is(self, mode: float) -> Callable[[Context, BasicVector], None]:
         def output(context: Context, vector: BasicVector) -> None:
@@ -104,7 +118,7 @@ class ModeSelector(LeafSystem):
         handed, since = context.get_discrete_state(self._times).value().copy()
         hands = np.linalg.norm(self._force.Eval(context).reshape(4, 3)[2:], axis=1)
         held = hands.min() >= self.rule.hold_n
-        if self._phase.Eval(context)[0] != self.rule.ready_phase or not held:
+        if self._phase.Eval(context)[0] != self.rule.ready_phase or not held or not self._sure(context):
             since = NEVER
         elif since == NEVER:
             since = context.get_time()
@@ -113,17 +127,29 @@ class ModeSelector(LeafSystem):
             state.get_mutable_discrete_state(self._mode).SetFromVector([self._choose(context, state)])
         state.get_mutable_discrete_state(self._times).SetFromVector([handed, since])
 
+    def _sure(self, context: Context) -> bool:
+        if self._answer.HasValue(context) and self._answer.Eval(context).any():
+            return False
+        return self._rehearse is None or sound(self._state.Eval(context))
+
     def _choose(self, context: Context, state: State) -> float:
         """The mode from now on; writes the verdicts."""
-        verdict = 0 if self._rehearse is None else self._rehearse(self._state.Eval(context))
+        verdict = 0 if self._rehearse is None else self._tried(self._rehearse, context, state)
         state.get_mutable_discrete_state(self._verdict).SetFromVector([float(verdict)])
         if not verdict:
             return CARRY
         if self._rehearse_walk is None:
             return WALK
-        verdict = self._rehearse_walk(self._state.Eval(context))
+        verdict = self._tried(self._rehearse_walk, context, state)
         state.get_mutable_discrete_state(self._walk_verdict).SetFromVector([float(verdict)])
         return HOLD if verdict else WALK
+
+    def _tried(self, rehearse: Callable[[Array], int], context: Context, state: State) -> int:
+        try:
+            return rehearse(self._state.Eval(context))
+        except CONTROLLER_ERRORS as error:
+            state.get_mutable_abstract_state(0).set_value(message_of(error))
+            return _GAVE_UP
 
     def _output_status(self, context: Context, output: BasicVector) -> None:
         mode = context.get_discrete_state(self._mode).value()[0]

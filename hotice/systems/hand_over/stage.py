@@ -24,8 +24,9 @@ from hotice.task import rules
 from hotice.task.judge import Judge
 
 Array = NDArray[np.float64]
-VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diverged", "no_way")
-"""Outcomes of a rehearsal; `fit`: nothing happened; `no_way`: the walking baseline has no plan to the goal."""
+VERDICTS = ("fit", "fall", "drop", "robot_collision", "object_collision", "diverged", "no_way", "gave_up")
+"""Outcomes of a rehearsal; `fit`: nothing happened; `no_way`: the walking baseline has no plan to the goal; `gave_up`:
+policy, solver or fields raised an error."""
 
 
 class RehearsalStage:

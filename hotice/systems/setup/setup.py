@@ -16,6 +16,7 @@ from hotice.fields import HodPf, build_hod_pf
 from hotice.model import Scene, load_scene
 from hotice.model.carry import CarryState, Posture, solve_carry
 from hotice.model.motors import to_motors
+from hotice.model.moving.still import only_still
 from hotice.policy import PolicySession, PolicyTask, open_policy
 from hotice.systems.joint_pd import JointServo
 from hotice.systems.setup.config import StationConfig
@@ -77,6 +78,7 @@ class StationSetup:
             raise UnknownName("controller", controller, CONTROLLERS)
         motors = controller in TORQUE_CONTROLLERS or config.servo == "pd"
         scene = world = config.scene if isinstance(config.scene, Scene) else load_scene(config.scene)
+        only_still(scene, "a station")
         policy = open_policy(config.policy)
         task = PolicyTask.from_meta(policy.meta, policy.name)
         physics_dt_s = _physics_step(config, task, plant, controller)

@@ -1,6 +1,6 @@
 """`make_station`: plant, sensors, fields, controller and safety joined into one Diagram, for simulation and analysis.
 
-    plant ─ state_adaptor ─ sensor_model ─ guidance_field ─ policy ─ (joint_pd) ─ safety_monitor ─ plant
+    plant ─ state_adaptor ─ sensor_model ─ percept_guard ─ guidance_field ─ policy ─ (joint_pd) ─ safety_monitor ─ plant
 
 Plant and torques step at `StationSetup.physics_dt_s`; sensors, fields, policy and safety at the policy's control
 period; other controllers at their own rate.
@@ -42,8 +42,9 @@ SEEDS = 2**31
 """Number of seeds that a station may draw."""
 WATCHED_OF_POLICY = ("guidance",)
 """Signals that the safety monitor watches where the controller is a policy; others do not read fields."""
-TOLD_TO_STAND = ("policy", "walk", "pickup")
-"""Systems that come to a stand when they are told; `hold` keeps its posture whatever it is told."""
+TOLD = ("policy", "walk", "pickup", "mode_selector")
+"""Systems that come to a stand when they are told, and the hand-over, which waits; `hold` keeps its posture whatever
+it is told."""
 
 
 class Station(Diagram):
@@ -159,12 +160,10 @@ def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any, faults
     model = SensorModel(config.carried, config.sensing, dt, config.seed, late, offset)
     sensors = _add(builder, "sensor_model", model)
     connect(builder, *measured, sensors, "robot_state")
-    percept, sources = (sensors, "percept"), None
-    if faults:
-        guard = _add(builder, "percept_guard", PerceptGuard(setup.carry, dt))
-        connect(builder, *wires.meet("percept", percept), guard, "percept")
-        connect(builder, *wires.meet("stamps", (_add(builder, "now", Now()), "stamps")), guard, "stamps")
-        percept, sources = (guard, "percept"), (guard, "sources")
+    guard = _add(builder, "percept_guard", PerceptGuard(setup.carry, dt, config.sensing))
+    connect(builder, *wires.meet("percept", (sensors, "percept")), guard, "percept")
+    connect(builder, *wires.meet("stamps", (_add(builder, "now", Now()), "stamps")), guard, "stamps")
+    percept = guard, "percept"
     fields = _add(builder, "guidance_field", GuidanceFieldSystem(setup.pf, setup.task))
     connect(builder, *percept, fields, "percept")
     sensed = Sensed(
@@ -183,12 +182,11 @@ def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any, faults
     if status is not None:
         connect(builder, *status, safety, "status")
     connect(builder, *sensed.percept, safety, "watched_percept")
-    if sources is not None:
-        connect(builder, *sources, safety, "sources")
+    connect(builder, guard, "sources", safety, "sources")
     if setup.controller_name == "policy":
         connect(builder, *sensed.guidance, safety, "watched_guidance")
     for system in builder.GetSystems():
-        if system.get_name() in TOLD_TO_STAND:
+        if system.get_name() in TOLD:
             connect(builder, safety, "answer", system, "answer")
     connect(builder, safety, "command", plant, "actuation")
     connect(builder, safety, "damped", plant, "damped")

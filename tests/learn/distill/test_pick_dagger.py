@@ -41,6 +41,16 @@ def test_labels_are_of_the_states_that_were_seen_whoever_drove(tmp_path, teacher
     assert by_teacher.tolist() == [False] * driven + [True] * (8 - driven)
 
 
+def test_a_robot_that_is_about_to_fall_is_the_teachers(tmp_path):
+    runner = PickDistillRunner(config(tmp_path, teacher_updates=(0, 0), rescue_m=0.05))
+    runner.update, env = 1, runner.env
+    plain = env.snapshot
+    off = torch.tensor([[0.0, 0.06], [0.04, 0.0], [0.04, 0.04], [0.0, 0.0]] * 2)
+    env.snapshot = lambda ids=None: replace(plain(ids), offset=off if ids is None else off[ids])
+    action = runner._act(0)
+    assert (action == runner.wanted[0]).all(dim=1).tolist() == [True, False, True, False] * 2
+
+
 def test_a_run_is_saved_resumed_and_read_as_a_policy(tmp_path):
     cfg = config(tmp_path)
     whole = PickDistillRunner(cfg)
@@ -69,6 +79,7 @@ def test_waiting_robots_begin_at_different_times_and_their_episodes_count(tmp_pa
         ({"picks": None}, "no picks"),
         ({"teachers": (Path("a"),)}, "the book is the teacher"),
         ({"teacher_updates": (5, 4)}, "must not be less"),
+        ({"rescue_m": 0.0}, "rescue_m"),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path, changes, message):
