@@ -12,8 +12,8 @@ from hotice.commands.configs import PlayConfig
 from hotice.console import PlainConsole
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import is_folder
-from hotice.model.objects import Box
 from hotice.model.moving import only_still
+from hotice.model.objects import Box
 from hotice.model.shipped import resolve_scenes
 from hotice.policy import open_policy, shipped_policies
 from hotice.progress import doing
