@@ -11,6 +11,8 @@ TEXT = """
 make demo PIP_ARGS="--x y"    # says something
 source .venv/bin/activate
 hotice evaluate --policy student --scenes bench20 --rollouts 4 --seed 1
+hotice play --view --scene beam    # until Ctrl-C
+hotice play --scene beam
 ```
 
 ```python
@@ -22,9 +24,11 @@ print("a snippet")
 def test_every_block_is_typed_with_small_numbers(tmp_path):
     text = try_readme.script(TEXT, tmp_path / "venv", tmp_path)
     typed = [line for line in text.splitlines() if not line.startswith("echo")]
-    assert typed[-3:] == [
+    assert typed[-5:] == [
         'make demo PIP_ARGS="--x y"',
         "hotice evaluate --policy student --scenes gap --rollouts 1 --objects 1 --threads 1 --seed 1",
+        "timeout --signal INT 20 hotice play --view --scene beam || [ $? = 124 ]",
+        "hotice play --scene beam --rollouts 1",
         "python block2.py",
     ]
     assert (tmp_path / "block2.py").read_text() == 'print("a snippet")\n'

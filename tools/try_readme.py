@@ -23,7 +23,9 @@ SMALL = (
     (r"--max-minutes \S+", "--max-minutes 0.05"),
     (r"--num-envs \S+", "--num-envs 16 --minibatches 4 --carry-states 4 --threads 1"),
     (r"(evaluate .*)--rollouts \S+", r"\1--rollouts 1 --objects 1 --threads 1"),
-    (r"(play .*--scene \S+)", r"\1 --rollouts 1"),
+    # a live view ends by Ctrl-C
+    (r"^(hotice play --view .*)", r"timeout --signal INT 20 \1 || [ $? = 124 ]"),
+    (r"(play (?!--view).*--scene \S+)", r"\1 --rollouts 1"),
     (r"\bbench20\b", "gap"),
 )
 """What stands in the README, and what is typed here instead."""

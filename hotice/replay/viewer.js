@@ -485,9 +485,10 @@
     const record = page.records[state.index];
     const end = record.time[record.time.length - 1];
     orbit.update(); // tells of a change where the camera still glides
+    if (heard.text) take();
     if (page.live) stale();
     if ((page.live || !state.playing) && !stale_picture) return;
-    if (page.live) keepUp(took);
+    if (page.live && !fine) keepUp(took);
     stale_picture = false;
     if (state.playing) {
       state.time += passed * Number($("speed").value);
@@ -523,41 +524,42 @@
   // ---- a robot that lives ----------------------------------------------------------------------------------------
   const STALE_S = 0.5;
   const listeners = []; // of frames
-  const heard = { at: null, over: false, mode: "waiting", tone: "", time: 0 };
+  const heard = { at: null, over: false, text: null, mode: "waiting", tone: "", time: 0 };
   function hear() {
-    const record = page.records[0];
     document.body.classList.add("live");
     for (const mesh of show.geoms) mesh.visible = false;
     const source = new EventSource(page.live);
-    source.addEventListener("message", (message) => {
-      const now = JSON.parse(message.data);
-      const known = now.geom_pos !== undefined;
-      for (const mesh of show.geoms) mesh.visible = known;
-      if (known) {
-        for (const key of ["geom_pos", "geom_quat", "arrow_pos", "arrow_force", "root_pos", "object_pos"])
-          record[key].set(now[key]);
-        show.trails[0].add(now.root_pos);
-        show.trails[1].add(now.object_pos);
-      } else record.arrow_force.fill(0);
-      listFacts([["Policy", now.policy ?? record.policy], ["Object", now.carried ?? record.carried], ...now.facts]);
-      if (JSON.stringify(now.events) !== JSON.stringify(record.events)) {
-        record.events = now.events;
-        tell(record);
-      }
-      const tone = now.tone ?? (now.mode === "damping" ? "failure" : "success");
-      Object.assign(heard, { at: performance.now(), mode: now.mode, tone, time: now.time });
-      for (const listener of listeners) listener(now);
-      redraw();
-    });
+    // only the newest of what has come between two pictures is looked at
+    source.addEventListener("message", (message) => Object.assign(heard, { at: performance.now(), text: message.data }));
     source.addEventListener("over", () => { heard.over = true; source.close(); });
+  }
+  function take() {
+    const [record, now] = [page.records[0], JSON.parse(heard.text)];
+    heard.text = null;
+    const known = now.geom_pos !== undefined;
+    for (const mesh of show.geoms) mesh.visible = known;
+    if (known) {
+      for (const key of ["geom_pos", "geom_quat", "arrow_pos", "arrow_force", "root_pos", "object_pos"])
+        record[key].set(now[key]);
+      show.trails[0].add(now.root_pos);
+      show.trails[1].add(now.object_pos);
+    } else record.arrow_force.fill(0);
+    listFacts([["Policy", now.policy ?? record.policy], ["Object", now.carried ?? record.carried], ...now.facts]);
+    if (JSON.stringify(now.events) !== JSON.stringify(record.events)) {
+      record.events = now.events;
+      tell(record);
+    }
+    const tone = now.tone ?? (now.mode === "damping" ? "failure" : "success");
+    Object.assign(heard, { mode: now.mode, tone, time: now.time });
+    for (const listener of listeners) listener(now);
+    redraw();
   }
   // Where pictures of what happens now take long, without a graphics card for instance, they become simpler.
   const LONG_MS = 120;
   const SIMPLER = [() => { sun.castShadow = false; }, () => renderer.setPixelRatio(0.6), () => renderer.setPixelRatio(0.4)];
-  let long = 0;
+  let [long, fine] = [0, false];
   function keepUp(took) {
-    // a page in the background is not drawn for much longer
-    long = took > LONG_MS && took < 20 * LONG_MS ? long + 1 : 0;
+    long = took > LONG_MS ? long + 1 : 0;
     if (long < 3 || !SIMPLER.length) return;
     SIMPLER.shift()();
     resize();
@@ -574,7 +576,7 @@
   }
 
   // "#rollout=2&time=1.5&view=side&pause" opens the page there, and leads a page that is open there, for links and for
-  // pictures of it; "plain" leaves the panels out.
+  // pictures of it; "plain" leaves the panels out, "fine" keeps pictures of what happens now as fine as they are.
   function obey() {
     const wish = new URLSearchParams(window.location.hash.slice(1));
     const index = Math.max(Number(wish.get("rollout") ?? state.index + 1) - 1, 0) || 0;
@@ -584,6 +586,7 @@
     if (Number.isFinite(time)) state.time = time;
     if (["angle", "side", "front", "top"].includes(wish.get("view"))) frame(wish.get("view"));
     document.body.classList.toggle("plain", wish.has("plain"));
+    fine = wish.has("fine");
     redraw();
   }
   resize();

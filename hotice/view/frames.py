@@ -42,7 +42,7 @@ class Painter:
         session, count = self._session, session_arrows(self._session)
         return RolloutRecord.from_states(
             self._solids.model,
-            session.qpos,
+            session.walk.qpos,
             scene=session.scene,
             carried=session.choice.carried,
             time_s=[0.0],
@@ -58,15 +58,15 @@ class Painter:
         session, self._frames = self._session, self._frames + 1
         if session.choice.carried is not self._carried:
             self._carried, self._solids = session.choice.carried, self._made_solids()
-        placed, percept, reading = self._solids.place(session.qpos), session.percept, session.reading
+        placed, percept, reading = self._solids.place(session.walk.qpos), session.walk.percept, session.walk.reading
         mode, tone = mode_of(session)
         kind, size = session.choice.carried.mujoco_geom()
         return {
-            "time": round(session.time_s, 2),
+            "time": round(session.walk.time_s, 2),
             "mode": mode,
             "tone": tone,
             "facts": list(self._facts()),
-            "events": session.events,
+            "events": session.walk.events,
             "policy": session.choice.policy,
             "carried": describe(session.choice.carried),
             "object": {"type": kind, "size": size},
@@ -77,7 +77,7 @@ class Painter:
             "arrow_pos": _rounded(np.concatenate([percept.p_WK, percept.p_WOK])),
             "arrow_force": _rounded(np.nan_to_num(reading.force_W)),
             "obstacles": [[*o.position_m, *o.quaternion_wxyz] for o in session.obstacles],
-            "touching": sorted({name for pair in session.world.touched for name in pair}),
+            "touching": sorted({name for pair in session.walk.world.touched for name in pair}),
             "version": session.live.newest.version,
             "behind": round(session.live.behind_s, 3),
             "ways": self._planned(),
@@ -95,12 +95,12 @@ class Painter:
 
     def _planned(self) -> list[dict[str, Any]]:
         version = self._session.live.newest.version
-        if self._ways_of != (version, self._session.time_s) and (
+        if self._ways_of != (version, self._session.walk.time_s) and (
             self._ways_of[0] != version or self._frames % WAYS_EVERY == 0
         ):
             pf = self._session.live.fields
-            self._ways = ways(pf.sgf, pf.ogf, self._session.percept)
-            self._ways_of = version, self._session.time_s
+            self._ways = ways(pf.sgf, pf.ogf, self._session.walk.percept)
+            self._ways_of = version, self._session.walk.time_s
         return self._ways
 
     def _sliced(self) -> dict[str, Any] | None:
@@ -115,13 +115,15 @@ class Painter:
 
     def _facts(self) -> Iterator[Fact]:
         session, built = self._session, self._session.live.newest
-        reading, behind_s = session.reading, session.live.behind_s
+        reading, behind_s = session.walk.reading, session.live.behind_s
         yield "To the goal", f"{float(reading.goal_distance[0]):.2f} m", False
         command = "{:.2f}, {:.2f}, {:.2f} m/s".format(*reading.c_W.tolist())
-        yield "Command", "none: stands" if session.standing else command, False
-        nearest_m = float(reading.distance.min())
+        yield "Command", "none: stands" if session.walk.standing else command, False
+        # the object's field is of obstacles that are larger by the margin
+        margin_m = session.live.margin_m * session_arrows(session)
+        nearest_m = float((reading.distance + margin_m).min())
         yield "Nearest", f"{nearest_m:.2f} m", nearest_m < 0.0
-        yield "Touches", str(session.touches), session.touches > 0
+        yield "Touches", str(len(session.walk.touches)), bool(session.walk.touches)
         shows = f"{behind_s:.1f} s behind the obstacles" if behind_s > BEHIND_S else "as the obstacles are"
         yield "Fields", shows, behind_s > BEHIND_S
         yield "", f"no. {built.version}, built in {1e3 * (built.ready_s - built.given_s):.0f} ms", False
@@ -130,19 +132,19 @@ class Painter:
 
 def mode_of(session: Session) -> tuple[str, str]:
     """What the robot does in words, and how that is: walking, success, waits or failure."""
-    if session.over:
-        return session.over, "failure"
+    if session.walk.over:
+        return session.walk.over, "failure"
     if session.paused:
         return "paused", "waits"
-    if session.standing == "at the goal":
+    if session.walk.standing == "at the goal":
         return "at the goal", "success"
-    return (f"stands: {session.standing}", "waits") if session.standing else ("walking", "walking")
+    return (f"stands: {session.walk.standing}", "waits") if session.walk.standing else ("walking", "walking")
 
 
 def session_arrows(session: Session) -> np.ndarray:
     """(19,) which arrows are of the object's own field, if the policy reads one."""
-    count = len(session.reading.force_W)
-    return (np.arange(count) >= NUM_SGF) & (session.task.object_field == "ogf")
+    count = len(session.walk.reading.force_W)
+    return (np.arange(count) >= NUM_SGF) & (session.walk.task.object_field == "ogf")
 
 
 def _rounded(values: np.ndarray) -> list[float]:

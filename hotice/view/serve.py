@@ -51,7 +51,7 @@ def _live(session: Session, painter: Painter, newest: Newest) -> None:
         steps, lived = steps + 1, lived + 1
         if steps % FRAME_EVERY == 0:
             newest.put(painter.frame())
-        period_s, now_s = session.task.control_dt_s, time.monotonic()
+        period_s, now_s = session.walk.task.control_dt_s, time.monotonic()
         if now_s - looked_s >= PACE_S:
             painter.pace, looked_s, lived = min(1.0, lived * period_s / (now_s - looked_s)), now_s, 0
         due_s += period_s

@@ -204,11 +204,15 @@
     stage.add(mesh);
     return [field, mesh];
   }));
-  const needles = new THREE.InstancedMesh(
-    new THREE.ConeGeometry(0.014, 0.075, 6).rotateZ(-Math.PI / 2),
-    new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.75 }), 1200);
-  needles.frustumCulled = needles.visible = false;
-  stage.add(needles);
+  // arrows of the slice, along x: shafts and heads
+  const needles = [
+    new THREE.CylinderGeometry(0.003, 0.003, 0.05, 6).translate(0, -0.01, 0), new THREE.ConeGeometry(0.011, 0.032, 8).translate(0, 0.03, 0),
+  ].map((shape) => {
+    const mesh = new THREE.InstancedMesh(shape.rotateZ(-Math.PI / 2), new THREE.MeshBasicMaterial(), 1200);
+    mesh.frustumCulled = mesh.visible = false;
+    stage.add(mesh);
+    return mesh;
+  });
   const matrix = new THREE.Matrix4();
   function drawWays(ways) {
     for (const [field, mesh] of Object.entries(dots)) {
@@ -220,19 +224,22 @@
     }
   }
   function drawSlice(cut) {
-    needles.visible = cut !== null;
+    for (const mesh of needles) mesh.visible = cut !== null;
     if (!cut) return;
-    needles.material.color.setHex(COLORS[cut.field]);
     let count = 0;
     cut.angles.forEach((angle, i) => {
       if (angle === INSIDE) return;
       const [column, row] = [i % cut.columns, Math.floor(i / cut.columns)];
       matrix.makeRotationZ(angle * Math.PI / 180);
       matrix.setPosition(cut.first[0] + cut.spacing * column, cut.first[1] + cut.spacing * row, cut.height);
-      needles.setMatrixAt(count++, matrix);
+      for (const mesh of needles) mesh.setMatrixAt(count, matrix);
+      count++;
     });
-    needles.count = count;
-    needles.instanceMatrix.needsUpdate = true;
+    for (const mesh of needles) {
+      mesh.material.color.setHex(COLORS[cut.field]);
+      mesh.count = count;
+      mesh.instanceMatrix.needsUpdate = true;
+    }
   }
   const key = document.createElement("label");
   key.innerHTML = '<input type="checkbox" id="ways" checked><i class="key way"></i>Planned ways';

@@ -23,7 +23,7 @@ _JOINTS = joint_index(20)
 
 
 class World:
-    """Physics of the protocol `robot`, without its perturbations; obstacles are mocap bodies.
+    """Physics of the protocol `robot`, without its perturbations, at a scene's start; obstacles are mocap bodies.
 
     Attributes:
         model, data: MuJoCo's; data stands at the present configuration, its kinematics too.
@@ -33,7 +33,7 @@ class World:
 
     def __init__(self, carry: CarryState, scene: Scene, control_dt_s: float) -> None:
         protocol = get_protocol("robot")
-        self.carry, self._start = carry, scene.start
+        self.carry = carry
         self.substeps = math.ceil(control_dt_s / protocol.physics_dt_s - 1e-9)
         model = build_model(
             carry.carried,
@@ -54,16 +54,8 @@ class World:
         # the waist stands straight, the wrists as they are welded
         self._qpos, self._qvel = (part.copy() for part in RobotState.from_carry(carry).to_mujoco(29))
         self.touched: set[tuple[str, str]] = set()
-        self.restart()
-
-    def restart(self) -> None:
-        """Puts robot and object to the scene's start, at rest; obstacles stay."""
-        mocap = self.data.mocap_pos.copy(), self.data.mocap_quat.copy()
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.mocap_pos[:], self.data.mocap_quat[:] = mocap
-        self.data.qpos[:], self.data.qvel[:] = RobotState.at_start(self.carry, self._start).to_mujoco()
-        self.data.ctrl[:] = self.carry.joint_target
-        self.touched = set()
+        self.data.qpos[:], self.data.qvel[:] = RobotState.at_start(carry, scene.start).to_mujoco()
+        self.data.ctrl[:] = carry.joint_target
         mujoco.mj_forward(self.model, self.data)
 
     def put(self, obstacles: Iterable[Obstacle]) -> None:

@@ -11,11 +11,13 @@ from hotice.fields import build_hod_pf
 from hotice.fields.live import LiveField
 from hotice.model import Box, Obstacle, Scene
 from hotice.model.geometry.shapes import BoxShape
+from hotice.model.moving.motion import Motion, WayPoint
 from hotice.model.scene import MomentaryScene
 from hotice.policy import open_policy
 from hotice.view import orders
 from hotice.view.frames import Painter
-from hotice.view.session import MOST_WAITING, OBSTACLE_M_S, Choice, Session
+from hotice.view.obstacles import OBSTACLE_M_S, Obstacles
+from hotice.view.session import MOST_WAITING, Choice, Session
 
 ASIDE = (1.0, -0.75, 0.5)
 POST = Obstacle("post", "side", BoxShape((0.2, 0.3, 1.0)), ASIDE)
@@ -52,10 +54,10 @@ def move(session, to_W):
 
 
 def test_the_robot_arrives_and_stays(session):
-    assert walk(session, 8.0, lambda: session.standing == "at the goal") and not session.over
-    assert walk(session, 1.0, lambda: bool(session.over)) is False
-    assert float(session.reading.goal_distance[0]) < 0.3 and session.touches == 0
-    assert [event["text"] for event in session.events] == ["at the goal"]
+    assert walk(session, 8.0, lambda: session.walk.standing == "at the goal") and not session.walk.over
+    assert walk(session, 1.0, lambda: bool(session.walk.over)) is False
+    assert float(session.walk.reading.goal_distance[0]) < 0.3 and len(session.walk.touches) == 0
+    assert [event["text"] for event in session.walk.events] == ["at the goal"]
 
 
 def test_an_obstacle_goes_where_it_is_ordered_and_fields_follow(session, live):
@@ -63,7 +65,7 @@ def test_an_obstacle_goes_where_it_is_ordered_and_fields_follow(session, live):
     session.tick()
     gone = np.linalg.norm(np.subtract(session.obstacles[0].position_m, ASIDE))
     assert gone == pytest.approx(OBSTACLE_M_S * 0.02)
-    np.testing.assert_allclose(session.world.data.mocap_pos[0], session.obstacles[0].position_m)
+    np.testing.assert_allclose(session.walk.world.data.mocap_pos[0], session.obstacles[0].position_m)
     for _ in range(20):
         session.tick()
     assert session.obstacles[0].position_m == (1.0, -0.3, 0.5)
@@ -79,9 +81,8 @@ def test_an_obstacle_goes_where_it_is_ordered_and_fields_follow(session, live):
     assert session.obstacles == (POST,)
 
 
-@pytest.mark.slow
 def test_another_way_is_found_round_an_obstacle_that_comes(session, live):
-    assert walk(session, 8.0, lambda: session.qpos[0] > 0.3)
+    assert walk(session, 8.0, lambda: session.walk.qpos[0] > 0.3)
     before = Painter(session).frame()["ways"]
     move(session, (1.2, -0.15, 0.5))
     walk(session, 0.3)
@@ -90,8 +91,8 @@ def test_another_way_is_found_round_an_obstacle_that_comes(session, live):
     # to the left of the post, whose left side is at y = 0
     assert max(after[1]["points"][1::3]) > 0.1 > max(before[1]["points"][1::3])
     left = []
-    assert walk(session, 12.0, lambda: left.append(session.qpos[1]) or session.standing == "at the goal")
-    assert max(left) > 0.15 and not session.over and session.touches == 0
+    assert walk(session, 12.0, lambda: left.append(session.walk.qpos[1]) or session.walk.standing == "at the goal")
+    assert max(left) > 0.15 and not session.walk.over and len(session.walk.touches) == 0
 
 
 def test_it_stands_where_there_is_no_way_and_goes_on(session, live):
@@ -99,20 +100,20 @@ def test_it_stands_where_there_is_no_way_and_goes_on(session, live):
     live.show([POST, wall])
     live.wait()
     walk(session, 0.4)
-    assert session.standing == "no way" and session.reading.goal_distance[0] > 1.0
-    here = session.qpos[:2].copy()
+    assert session.walk.standing == "no way" and session.walk.reading.goal_distance[0] > 1.0
+    here = session.walk.qpos[:2].copy()
     walk(session, 2.0)
-    assert not session.over and np.linalg.norm(session.qpos[:2] - here) < 0.25
+    assert not session.walk.over and np.linalg.norm(session.walk.qpos[:2] - here) < 0.25
     live.show([POST])
     live.wait()
     walk(session, 0.2)
-    assert session.standing == "" and [event["text"] for event in session.events] == ["no way", "walks on"]
+    assert session.walk.standing == "" and [event["text"] for event in session.walk.events] == ["no way", "walks on"]
 
 
 def test_touches_are_told_by_name(session):
     move(session, (0.1, -0.2, 0.5))
-    walk(session, 1.5, lambda: session.touches > 0)
-    told = [event for event in session.events if event["kind"] == "touch"]
+    walk(session, 1.5, lambda: len(session.walk.touches) > 0)
+    told = [event for event in session.walk.events if event["kind"] == "touch"]
     assert told and all(event["text"].endswith("touches post") for event in told)
 
 
@@ -120,38 +121,38 @@ def test_a_push_is_felt_and_needs_time_that_goes_on(session):
     walk(session, 0.1)
     session.order(orders.Push(velocity_W=(0.0, 1.5)))
     session.tick()
-    assert session.world.data.qvel[1] > 0.8
+    assert session.walk.world.data.qvel[1] > 0.8
     session.order(orders.Pause(on=True))
     session.order(orders.Push(velocity_W=(0.0, 1.0)))
-    before = session.time_s
+    before = session.walk.time_s
     session.tick()
-    assert session.time_s == before and "time stands still" in str(session.events[-1]["text"])
+    assert session.walk.time_s == before and "time stands still" in str(session.walk.events[-1]["text"])
 
 
 def test_a_fall_ends_the_walk_and_a_restart_begins_another(session):
     walk(session, 0.2)
     for _ in range(4):
         session.order(orders.Push(velocity_W=(0.0, 1.5)))
-    assert walk(session, 4.0, lambda: session.over != "")
-    assert session.over in ("fall", "drop")
+    assert walk(session, 4.0, lambda: session.walk.over != "")
+    assert session.walk.over in ("fall", "drop")
     walk(session, 3.0)
-    assert session.time_s < 8.0
+    assert session.walk.time_s < 8.0
     frame = Painter(session).frame()
-    assert (frame["mode"], frame["tone"]) == (session.over, "failure")
+    assert (frame["mode"], frame["tone"]) == (session.walk.over, "failure")
     session.order(orders.Restart())
     session.tick()
-    assert session.over == "" and session.time_s == pytest.approx(0.02) and session.events == []
+    assert session.walk.over == "" and session.walk.time_s == pytest.approx(0.02) and session.walk.events == []
 
 
 def test_objects_policies_and_noise_are_changed(session):
     walk(session, 0.1)
     session.order(orders.Take(carried=Box((0.25, 0.35, 0.2), 2.0)))
     session.tick()
-    assert session.choice.carried.mass_kg == 2.0 and session.time_s == pytest.approx(0.02)
-    assert session.world.model.body("object").mass[0] == pytest.approx(2.0)
+    assert session.choice.carried.mass_kg == 2.0 and session.walk.time_s == pytest.approx(0.02)
+    assert session.walk.world.model.body("object").mass[0] == pytest.approx(2.0)
     session.order(orders.Noise(on=True))
     session.tick()
-    assert session.choice.noise and session.time_s == pytest.approx(0.02)
+    assert session.choice.noise and session.walk.time_s == pytest.approx(0.02)
     session.order(orders.UsePolicy(policy="carry"))
     session.tick()
     assert session.choice.policy == "carry"
@@ -164,8 +165,8 @@ def test_what_cannot_be_is_told_and_all_stays(session):
     walk(session, 0.1)
     session.order(orders.Take(carried=Box((0.6, 0.6, 0.6), 6.0)))
     session.tick()
-    assert session.choice.carried.mass_kg == 1.5 and session.time_s > 0.1
-    assert session.events[-1]["kind"] == "fault" and "too heavy" in str(session.events[-1]["text"])
+    assert session.choice.carried.mass_kg == 1.5 and session.walk.time_s > 0.1
+    assert session.walk.events[-1]["kind"] == "fault" and "too heavy" in str(session.walk.events[-1]["text"])
 
 
 def test_a_policy_of_other_fields_is_refused(session):
@@ -177,7 +178,7 @@ def test_a_policy_of_other_fields_is_refused(session):
     Other.meta["task"] = {**Other.meta["task"], "margin_m": 0.2}
     session.order(Other())
     session.tick()
-    assert "reads fields of 0.04 m with a margin of 0.2 m" in str(session.events[-1]["text"])
+    assert "reads fields of 0.04 m with a margin of 0.2 m" in str(session.walk.events[-1]["text"])
 
 
 def test_orders_are_bounded(session):
@@ -215,9 +216,33 @@ def test_noise_is_that_of_students_and_drawn_anew(session):
     """Of the same seed the same walk; the next walk has other noise."""
     session.order(orders.Noise(on=True))
     session.tick()
-    first = session.percept.vector.copy()
+    first = session.walk.percept.vector.copy()
     session.order(orders.Restart())
     session.tick()
-    assert not np.array_equal(first, session.percept.vector)
-    true = session._senses._true(*session.world.state())
-    assert 1e-4 < np.abs(session.percept.q - true.q).max() < 0.2
+    assert not np.array_equal(first, session.walk.percept.vector)
+    true = session.walk._senses._true(*session.walk.world.state())
+    assert 1e-4 < np.abs(session.walk.percept.q - true.q).max() < 0.2
+
+
+def test_obstacles_with_a_motion_follow_it_unless_a_hand_holds_them():
+    ends = (
+        WayPoint(time_s=0.5, position_m=(1.0, -0.5, 0.0)),
+        WayPoint(time_s=1.5, position_m=(1.0, 0.5, 0.0), yaw_rad=1.0),
+    )
+    motion = Motion(way_points=ends)
+    cart = Obstacle("cart", "side", BoxShape((0.2, 0.2, 1.0)), (1.2, -0.5, 0.5), motion=motion)
+    scene = Scene("cart", obstacles=(cart, POST))
+    obstacles, times = Obstacles(scene), 0.02 * np.arange(1, 60)
+    for t in times:
+        assert len(obstacles.advance(t, 0.02)) == (0.5 < t < 1.53)
+        assert obstacles.now["cart"] == cart.at(t) and obstacles.now["post"] == POST
+    obstacles.bring("cart", (0.9, 0.2, 0.5))
+    for t in times + 1.2:
+        obstacles.advance(t, 0.02)
+    assert obstacles.now["cart"].position_m == (0.9, 0.2, 0.5)
+    assert obstacles.restart() == () and obstacles.now["cart"].position_m == (0.9, 0.2, 0.5)
+    obstacles.let_go()
+    for _ in range(10):
+        obstacles.advance(1.0, 0.02)
+    assert obstacles.now["cart"] == cart.at(1.0)
+    assert obstacles.restart() == (cart.at(0.0),)

@@ -7,17 +7,24 @@ import time
 
 import pytest
 
+from hotice.model import BoxShape, Obstacle, Scene
+
 pytest.importorskip("websockets")
 from tools import browser  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(browser.found() is None, reason="needs Chromium")]
-PATIENCE_S = 120.0
+PATIENCE_S = 30.0
 FIRST = "window.hotice.show().obstacles[0]"
 
 
+POST = Obstacle("post", "side", BoxShape((0.2, 0.3, 1.0)), (1.2, -0.7, 0.5))
+
+
 @pytest.fixture(scope="module")
-def page():
-    command = [sys.executable, "-m", "hotice", "play", "--view", "--scene", "gap", "--no-perturbed"]
+def page(tmp_path_factory):
+    file = tmp_path_factory.mktemp("scene") / "post.json"
+    Scene("post", obstacles=(POST,)).save(file)
+    command = [sys.executable, "-m", "hotice", "play", "--view", "--scene", str(file), "--no-perturbed"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -48,3 +55,93 @@ def on_screen(page, point):
         "return [(p.x + 1) / 2 * innerWidth, (1 - p.y) / 2 * innerHeight]; })()"
     )
     return page.run(script)
+
+
+def place(page):
+    return page.run(f"{FIRST}.position.toArray()")
+
+
+def push_button(page, name):
+    page.run(f"document.getElementById('{name}').click()")
+
+
+def pause(page, on):
+    """Clicks until the page says so."""
+    button = "document.getElementById('pause')"
+    page.run(f"if ({button}.ariaPressed !== '{str(on).lower()}') {button}.click()")
+    wait(page, f"{button}.ariaPressed === '{str(on).lower()}'")
+
+
+def bent(page):
+    """How many of the planned ways lead more than 5 cm to the left of the straight line."""
+    return page.run("window.ways.filter((way) => way.points.some((v, i) => i % 3 === 1 && v > 0.05)).length")
+
+
+def test_a_dragged_obstacle_bends_field_and_way_and_the_robot_arrives(page):
+    """While time stands still for the robot, so that a slow machine sees the same; then it walks round the post."""
+    page.run("window.hotice.listen((now) => { window.ways = now.ways; })")
+    pause(page, True)
+    push_button(page, "restart")
+    wait(page, "document.getElementById('view').dataset.time === '0' && window.ways.length === 3")
+    page.run("document.querySelector('[data-view=top]').click()")
+    page.drawn()
+    before, version = place(page), int(data(page, "version"))
+    assert bent(page) == 0
+    # taken at its top, which is what is seen from above
+    page.drag(on_screen(page, [before[0], before[1], 1.0]), on_screen(page, [before[0], -0.05, 1.0]))
+    wait(page, f"{FIRST}.position.y > -0.07")
+    wait(page, f"Number(document.getElementById('view').dataset.version) > {version}")
+    wait(page, "Number(document.getElementById('view').dataset.behind) === 0 && window.ways.length === 3")
+    # the head's goes over the post; pelvis and object go round it
+    assert bent(page) == 2
+    pause(page, False)
+    wait(page, "document.getElementById('view').dataset.mode === 'at the goal'")
+    facts = page.run("document.getElementById('facts').textContent")
+    assert "Touches0" in facts and "as the obstacles are" in facts
+
+
+def test_the_robot_is_pushed_by_a_drag_and_a_refusal_is_told(page):
+    push_button(page, "restart")
+    pause(page, True)
+    page.drawn()
+    torso = page.run("window.hotice.show().geoms.find((mesh) => mesh.name.includes('torso')).position.toArray()")
+    start = on_screen(page, torso)
+    page.drag(start, (start[0] + 60, start[1]))
+    wait(page, "document.getElementById('events').textContent.includes('time stands still')")
+    page.run("document.getElementById('mass').value = 99; document.getElementById('take').click()")
+    wait(page, "document.getElementById('told').textContent.includes('mass of the object is 99')")
+    pause(page, False)
+
+
+def test_another_object_is_taken_and_shown(page):
+    script = "[...document.querySelectorAll('#sizes input')].forEach((input, i) => { input.value = [25, 35, 20][i]; });"
+    page.run(f"{script} document.getElementById('mass').value = 2; document.getElementById('take').click()")
+    shape = "window.hotice.show().geoms.find((mesh, i) => window.hotice.page.records[0].geoms[i].object).geometry"
+    wait(page, f"{shape}.parameters.width === 0.25 && {shape}.parameters.height === 0.35")
+    assert "25 × 35 × 20 cm, 2.00 kg" in page.run("document.getElementById('facts').textContent")
+
+
+def test_whatever_can_be_used_has_a_name(page):
+    page.call("Accessibility.enable")
+    used = {"button", "checkbox", "combobox", "slider", "spinbutton", "link", "image"}
+    nodes = [n for n in page.call("Accessibility.getFullAXTree")["nodes"] if n.get("role", {}).get("value") in used]
+    assert len(nodes) > 25
+    assert [n for n in nodes if not n.get("ignored") and not n.get("name", {}).get("value")] == []
+
+
+def test_panels_fold_on_a_phone_and_nothing_is_cut_off(page):
+    page.size(390, 844, scale=1, phone=True)
+    wide = (
+        "[...document.querySelectorAll('#steer *')].filter((e) => e.getBoundingClientRect().right > innerWidth).length"
+    )
+    wait(page, f"innerWidth === 390 && {wide} === 0")
+    push_button(page, "fold")
+    assert page.run("getComputedStyle(document.getElementById('choices')).display") == "none"
+    push_button(page, "fold")
+    page.size(1280, 800)
+
+
+def test_the_page_complains_of_nothing(page):
+    page.drawn()
+    # the refused order alone: 400
+    assert [text for text in page.complaints if "400" not in text] == []

@@ -47,13 +47,12 @@ def scene(tmp_path_factory):
     return Scene("movers", obstacles=far)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def world(states, scene):
     return World(states[0], scene, DT_S)
 
 
 def test_nothing_is_touched_far_away(world):
-    world.restart()
     world.step(world.carry.joint_target)
     assert world.touched == set() and world.failure == ""
 
@@ -65,8 +64,6 @@ def test_touches_are_those_of_the_obstacle_where_it_is_now(world, scene, states,
     at = next(o for o in scene.obstacles if o.name == name)
     quat = tuple(quat_from_axis_angle(np.array([0.6, 0.8, 0.0]), turn).tolist())
     moved = replace(at, position_m=(0.1, 0.22, 0.9), quaternion_wxyz=quat)
-    world.restart()
-    world.put(scene.obstacles)
     world.put([moved])
     mujoco.mj_forward(world.model, world.data)
     fresh = builder.build_model(
@@ -85,22 +82,20 @@ def test_touches_are_those_of_the_obstacle_where_it_is_now(world, scene, states,
         return sorted(d for pair, d in found if any(n.startswith("obstacle/") for n in pair))
 
     np.testing.assert_allclose(depths(world.model, world.data), depths(fresh, data), atol=1e-9)
-    world.put(scene.obstacles)
 
 
-def test_an_obstacle_that_comes_pushes_the_robot(world, scene):
+def test_an_obstacle_that_comes_pushes_the_robot(states, scene):
     """Contacts act; and without the obstacle it stands."""
 
-    def lean(obstacles):
-        world.restart()
-        world.put(obstacles)
+    def aside(obstacle):
+        world = World(states[0], scene, DT_S)
+        world.put([obstacle])
         for _ in range(15):
             world.step(world.carry.joint_target)
         return world.data.qpos[1]
 
-    alone = lean(scene.obstacles)
-    assert lean([replace(scene.obstacles[0], position_m=(0.0, 0.30, 0.8))]) < alone - 0.005
-    world.put(scene.obstacles)
+    box = scene.obstacles[0]
+    assert aside(replace(box, position_m=(0.0, 0.30, 0.8))) < aside(box) - 0.005
 
 
 def test_an_action_comes_late(states, scene):
