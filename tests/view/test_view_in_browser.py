@@ -13,7 +13,7 @@ pytest.importorskip("websockets")
 from tools import browser  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(browser.found() is None, reason="needs Chromium")]
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 FIRST = "window.hotice.show().obstacles[0]"
 
 
