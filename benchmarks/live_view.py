@@ -60,7 +60,8 @@ def drags(page: Page, count: int) -> np.ndarray:
     wait(page, "document.getElementById('view').dataset.version !== undefined")
     page.run("document.getElementById('pause').click(); document.getElementById('restart').click()")
     wait(page, "document.getElementById('view').dataset.time === '0'")
-    page.run("document.querySelector('[data-view=top]').click()")
+    # the camera stays where it is
+    page.run("document.getElementById('follow').click(); document.querySelector('[data-view=top]').click()")
     page.run(WATCH)
     rows, way = [], FAR_M
     for _ in range(count):
