@@ -12,6 +12,7 @@ from typing import Any
 from hotice.evaluate.referees import STAY_S
 from hotice.task.config import TaskConfig
 from hotice.task.contract import ROWS, STEP, UNITS
+from hotice.task.moving import MovingConfig
 from hotice.task.protocols import Protocol, get_protocol
 from hotice.task.rules import GOAL_M
 
@@ -31,6 +32,8 @@ class Conditions:
     """Sources of perturbation that are switched off."""
     horizon_s: float = 5.0
     """Time limit (paper: 5 s)."""
+    moving: MovingConfig = MovingConfig()
+    """What robots know of obstacles that move."""
 
     def __post_init__(self) -> None:
         get_protocol(self.protocol).task(TaskConfig(), without=self.without)

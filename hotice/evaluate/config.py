@@ -12,6 +12,7 @@ from hotice.errors import InvalidConfig, UnknownName
 from hotice.evaluate.conditions import Conditions
 from hotice.evaluate.referees import REFEREES, check_referees
 from hotice.model.object_range import ObjectRange
+from hotice.task.moving import MovingConfig
 
 CONTROLLERS = ("policy", "walk")
 LONGEST_S = 120.0
@@ -61,6 +62,9 @@ class EvaluateConfig:
     """Different objects, shared by all scenes; no more than `rollouts`. Each scene has an order of its own."""
     horizon_s: float = PAPER_S
     """Time limit of a trial (paper: 5 s)."""
+    moving: Literal["still", "near", "live"] = "near"
+    """What fields and scan know of obstacles that move, in scenes that have some: `still`, nothing; `near`, distances
+    and repulsion, the ways being those of what stands still; `live`, also the ways that are open."""
     referees: tuple[str, ...] = REFEREES
     """Who judges the same trials: `exact`, contacts of the full geometry, whose verdicts the rates of a report are;
     `points`, eleven points of the body and eight of the object, beside it. `exact` alone is faster: a contact then ends
@@ -86,7 +90,11 @@ class EvaluateConfig:
     def conditions(self) -> Conditions:
         """Physics, perturbation and time limit."""
         return Conditions(
-            protocol=self.protocol, perturbed=self.perturbed, without=self.without, horizon_s=self.horizon_s
+            protocol=self.protocol,
+            perturbed=self.perturbed,
+            without=self.without,
+            horizon_s=self.horizon_s,
+            moving=MovingConfig(known=self.moving),
         )
 
     @property

@@ -58,7 +58,7 @@ def record_rollouts(
     conditions, meta = conditions or Conditions(perturbed=False), policy.meta
     env = start_trials(scene, states, seed, conditions, trained=meta["task"], preset=meta["preset"], threads=threads)
     check_layout(policy, env.policy_table.layout())
-    log = TrialLog(env.bank, len(states), conditions.limit(env.config), env.config.control_dt_s)
+    log = TrialLog(env.bank, len(states), conditions.limit(env.config), env.config.control_dt_s, moving=env.moving)
     obs, _ = env.reset()
     frames = _Frames([], [], [])
     frames.add(env.physics.qpos, env.snapshot())

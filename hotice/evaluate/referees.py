@@ -3,7 +3,8 @@
 Both referees know the same events, and the first one decides, within a step by `hotice.task.rules.PRECEDENCE`. They
 differ in what a collision is:
 
-- `exact`: a link of the robot, or the object, touches an obstacle in any physics step; full geometry.
+- `exact`: a link of the robot, or the object, touches an obstacle in any physics step; full geometry. A robot that
+  stands and is touched by something that moves has been walked into, which counts apart.
 - `points`: one of eleven points of the body, or of the object's eight keypoints (a box's corners), is deeper than 4 cm
   in an obstacle by the signed distance of the fields' grid; the first 50 control steps are free. This is the collision
   rule of the public code by the paper's first author; the eleven points are ours: head, shoulders, torso, pelvis, knees
@@ -49,7 +50,8 @@ class Signals:
 
     fall, drop, unstable, robot_hit, object_hit: bool. robot_gap_m, object_gap_m: lowest signed distance of the points
     of the body and of the object, infinite where nobody looked. goal_m: root to goal, horizontally. self_depth_m: how
-    deep parts of the robot were in each other.
+    deep parts of the robot were in each other. met: what was touched moves. way_m: how far the root has come in the
+    last half second.
     """
 
     fall: np.ndarray
@@ -61,6 +63,8 @@ class Signals:
     object_gap_m: np.ndarray
     goal_m: np.ndarray
     self_depth_m: np.ndarray
+    met: np.ndarray
+    way_m: np.ndarray
 
     @classmethod
     def stacked(cls, steps: Sequence[Signals]) -> Signals:
@@ -88,7 +92,8 @@ class Verdict:
 
 def exact(signals: Signals, limit: int) -> Verdict:
     """Verdict by contacts of the full geometry; `limit`: control steps of a trial."""
-    return _first(signals, limit, signals.robot_hit, signals.object_hit)
+    into = (signals.robot_hit | signals.object_hit) & rules.walked_into(signals.met, signals.way_m)
+    return _first(signals, limit, signals.robot_hit & ~into, signals.object_hit & ~into, into)
 
 
 def points(signals: Signals, limit: int) -> Verdict:
@@ -97,7 +102,9 @@ def points(signals: Signals, limit: int) -> Verdict:
     return _first(signals, limit, late & (signals.robot_gap_m < -DEEP_M), late & (signals.object_gap_m < -DEEP_M))
 
 
-def _first(signals: Signals, limit: int, robot: np.ndarray, load: np.ndarray) -> Verdict:
+def _first(
+    signals: Signals, limit: int, robot: np.ndarray, load: np.ndarray, into: np.ndarray | None = None
+) -> Verdict:
     """The first event of each trial."""
     seen = {name: getattr(signals, name) for name in ("unstable", "fall", "drop")}
     late = np.zeros(signals.goal_m.shape, dtype=bool)
@@ -107,6 +114,7 @@ def _first(signals: Signals, limit: int, robot: np.ndarray, load: np.ndarray) ->
         **seen,
         robot_collision=robot,
         object_collision=load,
+        walked_into=np.zeros_like(robot) if into is None else into,
         success=rules.arrived(signals.goal_m),
         timeout=late,
     )[:limit]

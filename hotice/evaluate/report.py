@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hotice.evaluate.carriers import Carrier, described
 from hotice.evaluate.config import PAPER_S, EvaluateConfig
-from hotice.evaluate.trials import CAUSES, DEEP_M, PLURAL, Trials
+from hotice.evaluate.trials import CAUSES, DEEP_M, ONLY_MOVING, PLURAL, Trials
 from hotice.version import source_version
 
 if TYPE_CHECKING:
@@ -15,13 +15,18 @@ if TYPE_CHECKING:
 
 FORMAT = "hotice-report/1"
 SHOWN = {"robot_collision": "robot\nhit", "object_collision": "object\nhit", "fall": "fall", "drop": "drop"}
-SHOWN |= {"timeout": "time-\nout", "unstable": "un-\nstable", "no_plan": "no\nplan"}
-SELDOM = ("unstable", "no_plan")
+SHOWN |= {"timeout": "time-\nout", "unstable": "un-\nstable", "no_plan": "no\nplan", "walked_into": "walked\ninto"}
+SELDOM = ("unstable", "no_plan", "walked_into")
 """Causes that have a column only where they occur."""
 
 
-def make_report(carrier: Carrier, config: EvaluateConfig, scores: Sequence[tuple[str, Trials]]) -> dict[str, Any]:
-    """The report of format hotice-report/1; `scores`: name and trials of each scene."""
+def make_report(
+    carrier: Carrier, config: EvaluateConfig, scores: Sequence[tuple[str, Trials]], moving: Collection[str] = ()
+) -> dict[str, Any]:
+    """The report of format hotice-report/1.
+
+    `scores`: name and trials of each scene; `moving`: names of those in which something moves.
+    """
     return {
         "format": FORMAT,
         **described(carrier),
@@ -35,8 +40,9 @@ def make_report(carrier: Carrier, config: EvaluateConfig, scores: Sequence[tuple
         "referees": list(config.judges),
         "objects": {"shapes": list(config.shapes), "size_m": list(config.size_m), "mass_kg": list(config.mass_kg)},
         "horizon_s": config.horizon_s,
+        **({"moving": config.moving} if moving else {}),
         "source": source_version(),
-        "scenes": [{"name": name, **trials.summary()} for name, trials in scores],
+        "scenes": [{"name": name, **trials.summary(name in moving)} for name, trials in scores],
     }
 
 
@@ -48,6 +54,7 @@ def print_report(report: dict[str, Any], console: PlainConsole) -> None:
     task = "noise, delays and pushes" if report["perturbed"] else "no noise"
     task += f" without {', '.join(report['without'])}" if report["without"] else ""
     task += "" if report["horizon_s"] == PAPER_S else f", {report['horizon_s']:g} s"
+    task += f", of movers known: {report['moving']}" if "moving" in report else ""
     who = report["policy"] if report["controller"] == "policy" else f"controller {report['controller']}"
     by_points = report["points"] is not None
     heads = ["success\n%", "95\n%", *(["points\n%", "points\nhit"] if by_points else []), "end\nm"]
@@ -60,13 +67,16 @@ def print_report(report: dict[str, Any], console: PlainConsole) -> None:
     table.add_column("scene", overflow="fold")
     for name in heads:
         table.add_column(name, justify="right")
-    causes = [c for c in CAUSES if c not in SELDOM or any(row[PLURAL[c]] for row in report["scenes"])]
+    rows = report["scenes"]
+    causes = [c for c in CAUSES if c not in SELDOM or any(row.get(PLURAL[c]) for row in rows)]
+    if "moving" in report:
+        causes = [*causes, *(c for c in ONLY_MOVING if c not in causes)]
     for cause in causes:
         table.add_column(SHOWN[cause], justify="right")
     for row in report["scenes"]:
-        table.add_row(row["name"], *_cells(row, by_points), *(str(row[PLURAL[c]]) for c in causes))
+        table.add_row(row["name"], *_cells(row, by_points), *(str(row.get(PLURAL[c], "–")) for c in causes))
     table.add_section()
-    sums = {PLURAL[c]: sum(r[PLURAL[c]] for r in report["scenes"]) for c in causes}
+    sums = {PLURAL[c]: sum(r.get(PLURAL[c], 0) for r in rows) for c in causes}
     table.add_row("all", *_cells(report, by_points), *map(str, sums.values()))
     console.print(table)
     if (within := report["self_contact"]) is not None:

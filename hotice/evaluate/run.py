@@ -47,7 +47,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         (scene.name, Trials.joined(done[block] for block in scorer.blocks() if block[0] == number))
         for number, scene in enumerate(scorer.scenes)
     ]
-    report = make_report(carrier, config, scores)
+    report = make_report(carrier, config, scores, [scene.name for scene in scorer.scenes if scene.moving])
     if config.out is not None:
         write_text(config.out, json.dumps(report, indent=1) + "\n")
     print_report(report, PlainConsole(width=None if PlainConsole().is_terminal else 130))

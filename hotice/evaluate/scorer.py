@@ -26,6 +26,7 @@ from hotice.evaluate.trial_log import TrialLog
 from hotice.evaluate.trials import Trials
 from hotice.learn.policy import Policy, check_layout
 from hotice.model.carry import CarryState
+from hotice.model.moving.still import only_still
 from hotice.model.scene import Scene
 from hotice.model.scene_digest import scene_digest
 from hotice.model.shipped import resolve_scenes
@@ -56,7 +57,7 @@ def score_block(
     meta = policy.meta
     env = start_trials(scene, states, seed, conditions, first=first, trained=meta["task"], preset=meta["preset"])
     check_layout(policy, env.policy_table.layout())
-    log = TrialLog(env.bank, len(states), conditions.limit(env.config), env.config.control_dt_s, judges)
+    log = TrialLog(env.bank, len(states), conditions.limit(env.config), env.config.control_dt_s, judges, env.moving)
     obs, _ = env.reset()
     while log.running.any():
         step = env.step(policy.act(obs))
@@ -87,6 +88,9 @@ class Scorer:
     def of(cls, config: EvaluateConfig) -> Scorer:
         """Resolves the scenes and draws the objects. Raises `HoticeError`."""
         scenes = resolve_scenes(config.scenes)
+        if config.controller == "walk":
+            for scene in scenes:
+                only_still(scene, "the walking baseline")
         check_memory(min(config.batch, config.rollouts), config.rollouts * len(scenes))
         count = min(config.objects, config.rollouts)
         states = CarryBank.sample(

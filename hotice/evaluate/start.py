@@ -46,7 +46,16 @@ def start_trials(
         robots=seeds.robots(first, len(states)),
     )
     bank = _fields(scene, task.resolution_m, task.margin_m)
-    env = TransportEnv(len(states), bank, carry, preset, seed=seeds.block(first), config=task, threads=threads)
+    env = TransportEnv(
+        len(states),
+        bank,
+        carry,
+        preset,
+        seed=seeds.block(first),
+        config=task,
+        threads=threads,
+        moving=conditions.moving,
+    )
     env.restarts = False
     return env
 

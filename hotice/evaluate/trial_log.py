@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,8 +14,9 @@ from hotice.evaluate.referees import STAY_S, Signals
 from hotice.evaluate.trials import Trials
 from hotice.fields.bank import FieldBank
 from hotice.sim.batch_env import Step
+from hotice.sim.moving import MovingObstacles
 from hotice.sim.snapshot import NUM_SGF
-from hotice.task.rules import OUTCOMES, arrived
+from hotice.task.rules import OUTCOMES, STANDS_S, arrived
 
 BODY_POINTS = NUM_SGF + 2
 """Points of the body that the points rule looks at: the keypoints of the SGF and the hands, the first of
@@ -29,11 +31,19 @@ class TrialLog:
 
     Args:
         bank: fields of the one scene. limit: control steps of a trial. control_dt_s: their length. names: referees.
+        moving: what moves in the scene, if anything.
     """
 
     def __init__(
-        self, bank: FieldBank, trials: int, limit: int, control_dt_s: float, names: Sequence[str] = referees.REFEREES
+        self,
+        bank: FieldBank,
+        trials: int,
+        limit: int,
+        control_dt_s: float,
+        names: Sequence[str] = referees.REFEREES,
+        moving: MovingObstacles | None = None,
     ) -> None:
+        self.moving = moving
         self.bank, self.limit, self.dt_s, self.names = bank, limit, control_dt_s, tuple(names)
         self.stay = round(STAY_S / control_dt_s)
         self.running = np.ones(trials, dtype=bool)
@@ -41,6 +51,8 @@ class TrialLog:
         self.arrived_at = np.zeros(trials, dtype=np.int64)
         """Control step of the arrival, 0 before it and of trials that failed first."""
         self.steps: list[Signals] = []
+        self.places: deque[np.ndarray] = deque(maxlen=1 + round(STANDS_S / control_dt_s))
+        """Where the roots were in the last half second, x, y (N, 2) each."""
 
     def see(self, signals: Signals) -> int:
         """Adds a control step (N,); returns how many trials are over with it."""
@@ -58,14 +70,26 @@ class TrialLog:
         return ended
 
     def gaps(self, body_W: Tensor, load_W: Tensor) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest signed distance [m] of points (N, K, 3) of body and load, (N,) each; inf where not needed."""
+        """Lowest signed distance [m] of points (N, K, 3) of body and load, (N,) each; inf where not needed.
+
+        They are where they are after the step that is to be added.
+        """
         if "points" not in self.names or not any(s.obstacles for s in self.bank.scenes):
             nowhere = np.full(len(body_W), np.inf)
             return nowhere, nowhere
         scene = torch.zeros(len(body_W), dtype=torch.int64)
-        depth = self.bank.signed_distance(scene, torch.cat([body_W, load_W], dim=1).float().contiguous())
+        world = self.bank
+        if self.moving is not None:
+            now_s = (len(self.steps) + 1) * self.dt_s
+            world = self.moving.world(scene, torch.full((len(body_W),), now_s))
+        depth = world.signed_distance(scene, torch.cat([body_W, load_W], dim=1).float().contiguous())
         body, load = depth.split([body_W.shape[1], load_W.shape[1]], dim=1)
         return body.amin(dim=1).numpy(), load.amin(dim=1).numpy()
+
+    def way(self, place_m: np.ndarray) -> np.ndarray:
+        """How far roots, now at (N, 2) [m], have come in the last half second, (N,) [m]; to be asked in each step."""
+        self.places.append(place_m.copy())
+        return np.linalg.norm(place_m - self.places[0], axis=1)
 
     def see_step(self, step: Step) -> int:
         """Adds a step of an environment that ends nothing at goal or contact; returns how many trials it ended."""
@@ -82,6 +106,8 @@ class TrialLog:
                 object_gap_m=object_gap_m,
                 goal_m=step.goal_distance.numpy(),
                 self_depth_m=step.self_depth.numpy(),
+                met=seen.met.numpy(),
+                way_m=self.way(seen.p_WP[:, :2].numpy()),
             )
         )
 

@@ -15,7 +15,7 @@ from hotice.documents import read_json
 from hotice.errors import HoticeError, InputError
 from hotice.files import make_folder, write_text
 
-CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan")
+CAUSES = ("robot_collision", "object_collision", "fall", "drop", "timeout", "unstable", "no_plan", "walked_into")
 PLURAL = {
     "robot_collision": "robot_collisions",
     "object_collision": "object_collisions",
@@ -24,9 +24,12 @@ PLURAL = {
     "timeout": "timeouts",
     "unstable": "unstable",
     "no_plan": "no_plans",
+    "walked_into": "walked_into",
 }
 SETTINGS = "settings.json"
 MAX_FILE_BYTES = 256 * 2**20
+ONLY_MOVING = ("walked_into",)
+"""Causes that there are only where something moves: scenes without have no count of them."""
 DEEP_M = 0.005
 """Contacts within the robot that are deeper are counted apart: so far two links may yield to each other in the
 simulation."""
@@ -118,17 +121,17 @@ class Trials:
     def _by_points(self) -> dict[str, Any] | None:
         if not self.points:
             return None
-        counts = {PLURAL[c]: self.points.count(c) for c in CAUSES}
+        counts = {PLURAL[c]: self.points.count(c) for c in CAUSES if c not in ONLY_MOVING}
         return _rate(self.points.count("success"), len(self.points)) | counts
 
-    def summary(self) -> dict[str, Any]:
-        """Rates, mean duration of successes [s] and failures by cause."""
+    def summary(self, moving: bool = False) -> dict[str, Any]:
+        """Rates, mean duration of successes [s], failures by cause; `moving`: of a scene in which something moves."""
         times = [t for t, o in zip(self.time_s, self.outcome, strict=True) if o == "success"]
         return {
             "rollouts": self.rollouts,
             **self.rates(),
             "mean_success_time_s": sum(times) / len(times) if times else None,
-            **{PLURAL[c]: self.outcome.count(c) for c in CAUSES},
+            **{PLURAL[c]: self.outcome.count(c) for c in CAUSES if moving or c not in ONLY_MOVING or c in self.outcome},
         }
 
 

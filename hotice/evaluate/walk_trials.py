@@ -144,6 +144,8 @@ def _signals(run: Walk, state: CarryState, log: TrialLog) -> Signals:
         object_gap_m=gaps[1],
         goal_m=np.array([run.distance_m]),
         self_depth_m=np.maximum(0.0, -data.sensor(builder.SELF_SENSOR).data),
+        met=np.zeros(1, dtype=bool),
+        way_m=log.way(data.qpos[None, :2]),
     )
 
 

@@ -39,7 +39,7 @@ class FieldSample(NamedTuple):
 
 
 class FieldBank:
-    """SGF and OGF of S scenes, whose extents may differ. Build with `FieldBank.build`.
+    """SGF and OGF of S scenes, whose extents may differ. Build with `FieldBank.build`: of what stands still.
 
     `names`, `goal_W` (S, 3) [m], `start` (S, 3) x, y [m], yaw [rad]. On the CPU queries run compiled and without copies
     and carry no gradient; on other devices in torch. Scene ids are checked on the CPU only.
@@ -74,7 +74,9 @@ class FieldBank:
         workers: int | None = None,
         cache: Path | None = None,
     ) -> FieldBank:
-        """Solves every scene, `workers` at a time (default: one for each usable core), with a progress bar when asked.
+        """Solves every scene, without what moves in it.
+
+        `workers` at a time (default: one for each usable core), with a progress bar when asked.
 
         With `cache`, a folder (see `hotice.fields.cache.default_folder`), solved scenes are kept there, those found
         there are not solved again, and the bank is mapped from there into memory.
@@ -87,7 +89,8 @@ class FieldBank:
             raise InvalidConfig("no scenes: a field bank needs at least one")
         margin_m = check_margin(margin_m)
         margins_m = (0.0, margin_m)
-        keys = [] if cache is None else [cached.scene_key(s, resolution_m, margins_m) for s in scenes]
+        still = [scene.still() for scene in scenes]
+        keys = [] if cache is None else [cached.scene_key(s, resolution_m, margins_m) for s in still]
         volumes = None if cache is None else cached.open_bank(cache, keys)
         if volumes is not None:
             return cls(scenes, volumes, margin_m, params or FieldParams())
@@ -95,9 +98,9 @@ class FieldBank:
         def solve(index: int) -> SceneNodes | None:
             if cache is not None and cached.load(cache, keys[index]) is not None:
                 return None
-            nodes = solve_scene(scenes[index], resolution_m, margins_m)
-            if not all(joins_start(scenes[index], nodes.grid, reached) for reached in nodes.reached):
-                check_reachable(scenes[index], resolution_m, margin_m)
+            nodes = solve_scene(still[index], resolution_m, margins_m)
+            if not all(joins_start(still[index], nodes.grid, reached) for reached in nodes.reached):
+                check_reachable(still[index], resolution_m, margin_m)
             if cache is None:
                 return nodes
             cached.save(cache, keys[index], nodes)
@@ -132,17 +135,28 @@ class FieldBank:
 
     def sample(self, field: str, scene_ids: Tensor, p_W: Tensor) -> FieldSample:
         """Field "sgf" or "ogf" at p_W (N, K, 3) float32 in W [m] of scenes (N,) int64. Raises `UnknownName`."""
+        return self._sample(field, scene_ids, p_W)
+
+    def _sample(self, field: str, scene_ids: Tensor, p_W: Tensor, *, repel: bool = True) -> FieldSample:
         if field not in FIELDS:
             raise UnknownName("field", field, FIELDS)
         which = FIELDS.index(field)
         margin_m = self.margin_m if which else 0.0
         scene_ids, p_W = self._check(scene_ids, p_W)
         if self._torch is not None:
-            return FieldSample(*torch_sample.sample_field(self._torch, which, margin_m, self.params, scene_ids, p_W))
+            return FieldSample(
+                *torch_sample.sample_field(self._torch, which, margin_m, self.params, scene_ids, p_W, repel=repel)
+            )
         out = FieldSample(torch.empty_like(p_W), p_W.new_empty(p_W.shape[:2]), p_W.new_empty(p_W.shape[:2]))
         buffers = (t.numpy() for t in out)
-        sample.sample_field(self.volumes, which, margin_m, self.params, scene_ids.numpy(), p_W.numpy(), *buffers)
+        sample.sample_field(
+            self.volumes, which, margin_m, self.params, scene_ids.numpy(), p_W.numpy(), *buffers, repel=repel
+        )
         return out
+
+    def attraction(self, field: str, scene_ids: Tensor, p_W: Tensor) -> FieldSample:
+        """As `sample`, without the repulsive part of the force: -eta grad D_geo. Raises `UnknownName`."""
+        return self._sample(field, scene_ids, p_W, repel=False)
 
     def signed_distance(self, scene_ids: Tensor, p_W: Tensor) -> Tensor:
         """Distance to the scene's own, uninflated obstacles, (N,), (N, K, 3) in W [m] -> (N, K) [m]."""

@@ -137,11 +137,15 @@ def sample_field(
     force_W: NDArray,
     distance: NDArray,
     geodesic: NDArray,
+    *,
+    repel: bool = True,
 ) -> None:
     """F (N, K, 3), distance to the inflated obstacles and finite geodesic distance (N, K) [m] at p_W (N, K, 3).
 
     Written into the last three arguments. `field`: index into `volumes.geo`, solved with `margin_m`; ids (N,).
+    `repel`: False leaves out the repulsive force.
     """
+    d0, *others = params.letters()
     kernel = _field_many if distance.size >= PARALLEL_FROM else _field_one
     v = volumes
     kernel(
@@ -155,7 +159,8 @@ def sample_field(
         ids,
         p_W,
         margin_m,
-        *params.letters(),
+        d0 if repel else -np.inf,
+        *others,
         force_W,
         distance,
         geodesic,

@@ -76,13 +76,14 @@ class Space(NamedTuple):
 
 
 def _row(obstacle: Obstacle, root: int) -> list[float]:
-    kind, size = _kind_and_size(obstacle.shape)
+    kind, size = kind_and_size(obstacle.shape)
     centre, radius = obstacle.bounding_ball()
     R_WB = quat_to_mat(obstacle.quaternion_wxyz).reshape(-1)
     return [kind, *size, *R_WB.tolist(), *obstacle.position_m, *centre.tolist(), radius, root]
 
 
-def _kind_and_size(shape: Any) -> tuple[int, tuple[float, float, float]]:
+def kind_and_size(shape: Any) -> tuple[int, tuple[float, float, float]]:
+    """Kind and size of a shape, as rows of `Space.solid` have them."""
     match shape:
         case BoxShape(size_m=(x, y, z)):
             return BOX, (0.5 * x, 0.5 * y, 0.5 * z)

@@ -72,17 +72,28 @@ def sample_distance(v: TorchVolumes, ids: Tensor, p_W: Tensor) -> Tensor:
 
 
 def sample_field(
-    v: TorchVolumes, field: int, margin_m: float, params: FieldParams, ids: Tensor, p_W: Tensor
+    v: TorchVolumes,
+    field: int,
+    margin_m: float,
+    params: FieldParams,
+    ids: Tensor,
+    p_W: Tensor,
+    *,
+    repel: bool = True,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """F (N, K, 3), distance to the inflated obstacles and finite geodesic distance (N, K) [m] at p_W (N, K, 3).
 
-    F = -eta grad D_geo + f_rep(s) grad sdf (eq. 3), as in `hotice.fields.sample`.
+    F = -eta grad D_geo + f_rep(s) grad sdf (eq. 3), as in `hotice.fields.sample`; `repel`: False leaves out the second
+    part.
     """
     u, shape, first = _grid_coordinates(v, ids, p_W)
     index, weight = _corners(u, shape, first)
     geo = (v.geo[field][index] * weight[..., None]).sum(dim=-2)
     distance = geo[..., 0] * v.step[ids, field][:, None]
     s = (v.sdf[index] * weight).sum(dim=-1) - margin_m
+    pull = -params.attraction * SLOPE_STEP * geo[..., 1:]
+    if not repel:
+        return pull, s, distance
     slope = []
     for axis in range(3):
         step = torch.zeros(3, device=u.device, dtype=u.dtype)

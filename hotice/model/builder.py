@@ -101,12 +101,12 @@ def build_model(
     """Compiles robot, floor, carried object and obstacles for MuJoCo.
 
     With object and scene, contact sensors `robot_hits` and `object_hits` count the contacts of robot and object with
-    obstacles, which exact collision scoring reads; `self_contact` is the signed distance of the deepest contact within
-    the robot, 0 where there is none.
+    obstacles, which exact collision scoring reads, and further ones those with each that moves; `self_contact` is the
+    signed distance of the deepest contact within the robot, 0 where there is none.
 
     Args:
         carried: adds body `object` with a free joint, after the robot in qpos and qvel.
-        scene: adds every obstacle as a static geom named `obstacle/<name>`.
+        scene: adds every obstacle as a static geom named `obstacle/<name>`; what moves is a mocap body of that name.
         joints: 20 for training (waist and wrists welded), 29 for cross-checks.
         wrist_pos: (6,) angles of the welded wrists [rad], default zero (20 joints only).
         object_shapes: gives the object a geom of each of these shapes, see `add_object`.
@@ -143,7 +143,7 @@ def build_model(
     if scene is not None:
         add_obstacles(spec, scene, movable)
         if carried is not None and not movable:
-            add_contact_sensors(spec)
+            add_contact_sensors(spec, [o.name for o in scene.moving])
     return spec.compile()
 
 
@@ -183,18 +183,19 @@ def add_object(spec: mujoco.MjSpec, carried: CarriedObject, shapes: Sequence[str
 def add_obstacles(spec: mujoco.MjSpec, scene: Scene, movable: bool = False) -> None:
     """Adds every obstacle of the scene as static geoms.
 
-    They belong to the static body `obstacles`, or, `movable`, to a mocap body each, `obstacle/<name>`, which MuJoCo's
-    `mocap_pos` and `mocap_quat` move, bounding volumes and all. A triangle mesh becomes one thin prism (1 mm) per face,
-    because MuJoCo would replace the mesh by its convex hull: what lies in a hollow of the mesh must not count as a
-    collision. A body that is inside solid mesh from the start, without crossing its surface, makes no contact.
+    They belong to the static body `obstacles`; what has a motion, or, `movable`, each of them, to a mocap body of its
+    own, `obstacle/<name>`, which MuJoCo's `mocap_pos` and `mocap_quat` move, bounding volumes and all. A triangle mesh
+    becomes one thin prism (1 mm) per face, because MuJoCo would replace the mesh by its convex hull: what lies in a
+    hollow of the mesh must not count as a collision. A body that is inside solid mesh from the start, without crossing
+    its surface, makes no contact.
     """
-    body = None if movable else spec.worldbody.add_body(name=OBSTACLE_BODY)
+    still = None if movable else spec.worldbody.add_body(name=OBSTACLE_BODY)
     for obstacle in scene.obstacles:
         name, pose = OBSTACLE_PREFIX + obstacle.name, dict(pos=obstacle.position_m, quat=obstacle.quaternion_wxyz)
-        if movable:
+        body = still
+        if body is None or obstacle.motion is not None:
             body = spec.worldbody.add_body(name=name, mocap=True, **pose)
             pose = {}
-        assert body is not None
         kind, size = obstacle.shape.mujoco_geom() if obstacle.shape.type != "mesh" else ("mesh", ())
         common = dict(
             **pose,
@@ -218,18 +219,27 @@ def add_obstacles(spec: mujoco.MjSpec, scene: Scene, movable: bool = False) -> N
             )
         for index, prism in enumerate(face_prisms(vertices, faces)):
             spec.add_mesh(name=f"{name}#{index}", uservert=prism.reshape(-1).tolist())
-            body.add_geom(name=f"{name}#{index}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}#{index}", **common)
+            body.add_geom(
+                name=f"{name}#{index}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}#{index}", **common, **pose
+            )
 
 
-def add_contact_sensors(spec: mujoco.MjSpec) -> None:
-    """Adds the sensors of contacts with obstacles, `robot_hits` of any link and `object_hits`, and within the robot."""
+def add_contact_sensors(spec: mujoco.MjSpec, moving: Sequence[str] = ()) -> None:
+    """Adds the sensors of contacts with obstacles, `robot_hits` of any link and `object_hits`, and within the robot.
+
+    After them two for each obstacle in `moving`, `robot_hits/<name>` and `object_hits/<name>`.
+    """
     tree, body = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_BODY
     found, distance = mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_DIST
-    for name, kind, who, other_kind, other, field, reduce in (
+    sensors = [
         (HIT_SENSORS[0], tree, g1.ROOT_BODY, body, OBSTACLE_BODY, found, ANY_CONTACT),
         (HIT_SENSORS[1], body, OBJECT_BODY, body, OBSTACLE_BODY, found, ANY_CONTACT),
         (SELF_SENSOR, tree, g1.ROOT_BODY, tree, g1.ROOT_BODY, distance, DEEPEST_CONTACT),
-    ):
+    ]
+    for mover in moving:
+        for name, kind, who, other_kind, _, field, reduce in sensors[:2]:
+            sensors.append((f"{name}/{mover}", kind, who, other_kind, OBSTACLE_PREFIX + mover, field, reduce))
+    for name, kind, who, other_kind, other, field, reduce in sensors:
         sensor = spec.add_sensor(
             name=name,
             type=mujoco.mjtSensor.mjSENS_CONTACT,

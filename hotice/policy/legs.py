@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.model import g1
-from hotice.model.carry import CarryState
 from hotice.model.frames import mat_to_quat
-from hotice.model.robot_state import RobotState
 from hotice.policy.measuring import attitude
 from hotice.policy.percept import PerceptModel
 
@@ -24,12 +22,12 @@ class Legs:
     """Carries keypoints of the robot on by one measurement; see `step`.
 
     Args:
-        carry: how the object is carried, and the wrists.
+        model: of the robot.
+        qpos: (43,) a configuration of it, for joints that the policy does not move.
     """
 
-    def __init__(self, carry: CarryState) -> None:
-        self._model = PerceptModel(carry.carried)
-        self._qpos = RobotState.from_carry(carry).to_mujoco(29)[0]
+    def __init__(self, model: PerceptModel, qpos: Array) -> None:
+        self._model, self._qpos = model, qpos
 
     def step(
         self, p_WP: Array, p_WK: Array, foot: float, yaw: float, down_P: Array, q: Array

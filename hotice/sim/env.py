@@ -18,6 +18,7 @@ from hotice.model.scene import Scene
 from hotice.sim.batch_env import BatchEnv
 from hotice.sim.carry_bank import CarryBank
 from hotice.sim.events import Starter
+from hotice.sim.moving import MovingObstacles
 from hotice.sim.observations import PRIVILEGED, ObservationTable, policy_rows
 from hotice.sim.physics.protocol import make_physics
 from hotice.sim.physics.ram import check_memory
@@ -28,6 +29,7 @@ from hotice.sim.snapshot import Layout, Memory, Snapshot
 from hotice.sim.terminations import TERMINATIONS
 from hotice.task import history
 from hotice.task.config import TaskConfig
+from hotice.task.moving import MovingConfig
 from hotice.task.presets import get_preset
 from hotice.task.rules import arrived, outcome_code
 from hotice.task.sensing import KNOWN_ROWS
@@ -46,6 +48,7 @@ class TransportEnv(BatchEnv):
         seed: of every random draw.
         config: numbers of the task.
         threads: of the physics (0: all usable cores).
+        moving: what robots know of obstacles that move.
 
     Raises:
         HoticeError: unknown preset or backend, no scenes, objects that cannot be held.
@@ -63,6 +66,7 @@ class TransportEnv(BatchEnv):
         *,
         config: TaskConfig | None = None,
         threads: int = 0,
+        moving: MovingConfig | None = None,
     ) -> None:
         checks.whole("num_envs", num_envs, checks.COUNT)
         if physics == "mujoco":
@@ -104,9 +108,12 @@ class TransportEnv(BatchEnv):
         self.critic_table = ObservationTable(rows + PRIVILEGED)
         self.everyone = torch.arange(num_envs, device=self.device)
         self.memory = Memory.zeros(num_envs, self.device, cfg.history)
+        self.moving = MovingObstacles.of(self.bank, moving or MovingConfig(), cfg.episode_s)
         self.reader = Reader(
-            cfg, self.preset.object_field, self.bank, self.carry, self.layout, self.physics, self.memory
+            cfg, self.preset.object_field, self.bank, self.carry, self.layout, self.physics, self.memory, self.moving
         )
+        if self.physics.met is not None:
+            self.physics.follow = self._moving_poses
         self.held = torch.zeros(num_envs, 20, device=self.device)
         self.read = torch.zeros(num_envs, self.policy_table.size, device=self.device)
         self.frame = torch.nonzero(self.policy_table.columns([n for n, _ in history.ROWS]))[:, 0].to(self.device)
@@ -119,7 +126,7 @@ class TransportEnv(BatchEnv):
             cfg.control_dt_s,
             cfg.substeps,
             self.device,
-            self.reader.guide,
+            self.reader.measured,
             self.policy_table.columns(KNOWN_ROWS).to(self.device),
             self.layout.chains,
         )
@@ -132,6 +139,12 @@ class TransportEnv(BatchEnv):
         """Whether what has ended is started anew; evaluation starts nothing anew: a trial's draws then depend on no
         other."""
         self.memory.model[:] = torch.arange(num_envs, device=self.device) % len(self.carry.states)
+
+    def _moving_poses(self, k: int) -> tuple[Tensor, Tensor]:
+        """Poses of what moves after physics step k of the control step under way."""
+        assert self.moving is not None
+        cfg, m = self.config, self.memory
+        return self.moving.poses(m.scene, (m.step - 1) * cfg.control_dt_s + (k + 1) * cfg.physics_dt_s)
 
     def _outcome(self, s: Snapshot, unstable: Tensor) -> Tensor:
         """Index into `OUTCOMES` of each episode, 0 where it goes on."""

@@ -148,8 +148,8 @@ class Snapshot(Motion):
     `clearance` and `object_clearance` (N,): from the sphere cover to the obstacles [m]; `clearance_ahead` (N,): the
     same of upper body and object together, where they will be after `LOOK_AHEAD_S` at the commanded velocity.
     `robot_hit` and `object_hit` (N,) bool: collisions, from the cover in training and from exact geometry in
-    evaluation. `scan` (N, 40): signed distances at the points of `hotice.task.scan` [m], or (N, 0) where the task has
-    none. `past` (N, H): as in `Memory`.
+    evaluation. `met` (N,) bool: of what is hit something moves; exact geometry alone tells. `scan` (N, 40): signed
+    distances at the points of `hotice.task.scan` [m], or (N, 0) where the task has none. `past` (N, H): as in `Memory`.
     """
 
     sgf: FieldSample
@@ -166,6 +166,7 @@ class Snapshot(Motion):
     clearance_ahead: Tensor
     robot_hit: Tensor
     object_hit: Tensor
+    met: Tensor
     touch: Tensor
     swing: Tensor
     stance: Tensor

@@ -77,7 +77,9 @@ class MujocoPlant(LeafSystem):
         self._steps = 1 if period_s is None else round(period_s / model.opt.timestep)
         if self._steps < 1:
             raise InvalidStation(f"period_s is {period_s!r}: at least the time step {model.opt.timestep:g} s is needed")
-        self.DeclarePeriodicDiscreteUpdateEvent(self._steps * model.opt.timestep, 0.0, self._step)
+        self._period_s = self._steps * model.opt.timestep
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period_s, 0.0, self._step)
+        self.DeclareInitializationDiscreteUpdateEvent(self._set_clock)
 
     def state_vector(
         self, qpos: ArrayLike, qvel: ArrayLike | None = None, ctrl: ArrayLike | None = None, time_s: float = 0.0
@@ -128,6 +130,13 @@ class MujocoPlant(LeafSystem):
         self._holds = new.tobytes()
         if not math.isfinite(new.dot(new)):
             raise SimulationError(f"physics diverged at {context.get_time():.3f} s: the state is not finite")
+
+    def _set_clock(self, context: Context, discrete_state: DiscreteValues) -> None:
+        """Sets the plant's own time where a simulation begins at another than the state's."""
+        state, now_s = context.get_discrete_state_vector().value(), context.get_time()
+        # between its steps the state is that of the next one
+        if not abs(state[self.first - 1] - now_s) <= self._period_s:
+            discrete_state.get_mutable_value()[self.first - 1] = now_s
 
     def _motors(self) -> tuple[Array, Array, Array]:
         return self.model.actuator_gainprm, self.model.actuator_biastype, self.model.actuator_biasprm

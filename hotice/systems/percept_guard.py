@@ -14,9 +14,10 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State, V
 
 from hotice.compiled import compiled
 from hotice.model.carry import CarryState
+from hotice.model.robot_state import RobotState
 from hotice.policy.legs import Legs
 from hotice.policy.measuring import attitude
-from hotice.policy.percept import Percept
+from hotice.policy.percept import Percept, PerceptModel
 from hotice.safety import Fault, MeasurementLimits, judge
 from hotice.safety.jumps import GATE, NEAR, POSE, REFUSED, empty_gate, jump_array, jump_limits, pass_gate
 from hotice.systems.signals import PERCEPT, SOURCES, STAMPS
@@ -106,10 +107,11 @@ def _look(now, dt_s, percept, stamps, memory, limits, place_jump, box_jump, lowe
     memory[_COUNT] = track_down(down, memory[_COUNT], percept[_GRAVITY], gyro, dt_s)
     turned = memory[_HEADING] - dt_s * (down[0] * gyro[0] + down[1] * gyro[1] + down[2] * gyro[2])
     place, box, pose = _NONE, _NONE, np.zeros(POSE)
-    # a pose of the future is none: all that follow would be old; one that is asked for again is what it was
+    # a pose of the future is none: all that follow would be old; one that is asked for again is what it was; a clock
+    # that was set back makes all that is known one of the future
     new, took = np.zeros(2, np.bool_), np.zeros(2, np.bool_)
     for i in range(2):
-        new[i] = stamps[i] <= now + _AHEAD_S and not stamps[i] <= known[i]
+        new[i] = stamps[i] <= now + _AHEAD_S and (not stamps[i] <= known[i] or known[i] > now + _AHEAD_S)
         took[i] = stamps[i] == known[i] and stamps[i] == now
     if new[0]:
         gate = memory[_PLACE]
@@ -159,7 +161,7 @@ class PerceptGuard(LeafSystem):
     def __init__(self, carry: CarryState, control_dt_s: float, sensing: SensingConfig | None = None) -> None:
         super().__init__()
         carried, self._dt_s = carry.carried, control_dt_s
-        self._legs = Legs(carry)
+        self._legs = Legs(PerceptModel(carried), RobotState.from_carry(carry).to_mujoco(29)[0])
         self._p_OK, self._aligned = carried.keypoints(), carried.keypoints_world_aligned
         measurement = MeasurementLimits()
         place, box = jump_limits(sensing or SensingConfig())

@@ -9,10 +9,20 @@ from __future__ import annotations
 
 from typing import Any
 
-OUTCOMES = ("running", "success", "fall", "drop", "robot_collision", "object_collision", "timeout", "unstable")
+OUTCOMES = (
+    "running",
+    "success",
+    "fall",
+    "drop",
+    "robot_collision",
+    "object_collision",
+    "timeout",
+    "unstable",
+    "walked_into",
+)
 """Outcomes by their code. Success: an arrival before any failure, and within the time limit. Unstable: the simulation
-diverged. Running: no end yet."""
-PRECEDENCE = ("unstable", "fall", "drop", "robot_collision", "object_collision", "success", "timeout")
+diverged. Walked into: a collision with something that moves, of a robot that stands. Running: no end yet."""
+PRECEDENCE = ("unstable", "fall", "drop", "robot_collision", "object_collision", "walked_into", "success", "timeout")
 """Of several events in one control step the first of these is the outcome: a failure wins over an arrival, an arrival
 over the time limit."""
 
@@ -28,6 +38,8 @@ APART_M = 0.15
 """An object so far from the middle between the hands is dropped (ours)."""
 LOW_M = 0.25
 """So is one whose centre is lower than this (ours)."""
+STANDS_M, STANDS_S = 0.1, 0.5
+"""A robot stands whose root has come less far than this in so long, horizontally (ours)."""
 IN_CARRY_M, IN_CARRY_RAD = 0.08, 0.4363
 """A pick-up: the object is this near to its place in the carry state, seen from the feet, and turned by at most 25
 degrees from upright and straight; round objects may be turned (ours, as the model-based pick-up is scored)."""
@@ -61,6 +73,14 @@ def dropped(apart_m: Any, height_m: Any) -> Any:
 def arrived(goal_m: Any, radius_m: float = GOAL_M) -> Any:
     """Whether the root, `goal_m` from the goal horizontally [m], is there."""
     return goal_m < radius_m
+
+
+def walked_into(met: Any, way_m: Any) -> Any:
+    """Whether a collision is no fault of the robot: with something that moves (`met`), and the robot stands.
+
+    `way_m`: how far the root has come in the last `STANDS_S`, or since the start, horizontally.
+    """
+    return met & (way_m < STANDS_M)
 
 
 def in_carry(away_m: Any, turned_rad: Any, above_m: Any) -> Any:

@@ -85,6 +85,7 @@ def test_one_trial_each(tmp_path):
     [
         ("playback", ["--picks", "nope.npz"], "playback: nope.npz: no such file"),
         ("live_fields", ["--scenes", "nope"], "live_fields: "),
+        ("deploy_processes", ["--scenes", "nope"], "deploy_processes: "),
     ],
 )
 def test_what_is_not_there_is_said_by_benchmarks(benchmark, line, message, capsys):

@@ -96,6 +96,29 @@ def test_what_comes_after_an_arrival(events, distance, standing, stayed):
     assert (bool(found.standing[0]), bool(found.stayed[0])) == (standing, stayed)
 
 
+@pytest.mark.parametrize("hit", ["robot_hit", "object_hit"])
+def test_a_robot_that_stands_is_walked_into(hit):
+    """Not one that walks, nor one that touches what stands still; and the points rule knows no such thing."""
+    into = ("walked_into", 20)
+    by_robot = (hit.replace("hit", "collision"), 20)
+    asked = {hit: {20: True}, "met": {20: True}}
+    assert verdict(exact, **asked, way_m={1: 0.09}) == into
+    assert verdict(exact, **asked, way_m={1: 0.11}) == by_robot
+    assert verdict(exact, **asked, way_m={1: 0.5, 19: 0.09}) == into
+    assert verdict(exact, **{hit: {20: True}}, way_m={1: 0.0}) == by_robot
+    assert verdict(exact, met={20: True}, way_m={1: 0.0}) == ("timeout", 100)
+    assert verdict(exact, **asked, way_m={1: 0.0}, goal_m={10: 0.05}) == ("success", 10)
+    assert verdict(exact, **asked, way_m={1: 0.0}, fall={20: True}) == ("fall", 20)
+    assert verdict(points, **asked, way_m={1: 0.0}) == ("timeout", 100)
+
+
+def test_the_way_of_the_last_half_second():
+    log = TrialLog(FieldBank.build([Scene("open")]), 2, LIMIT, 0.02, ("exact",))
+    ways = [log.way(np.array([[0.01 * k, 0.0], [1.0, -0.02 * k]])) for k in range(60)]
+    np.testing.assert_allclose(ways[10], [0.1, 0.2])
+    np.testing.assert_allclose(ways[50], [0.25, 0.5])
+
+
 def row(signals, t):
     return Signals(**{name: value[t] for name, value in vars(signals).items()})
 

@@ -17,7 +17,7 @@ from hotice.systems.station.make import Station
 from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT, SensingConfig
 from tests.systems.test_faults import AT_S, quiet_before, watch
 
-P_WO = tuple(range(PERCEPT_START := Percept.PARTS["p_WO"].start, PERCEPT_START + 3))
+P_WO = BOX[:3]
 RAW = SensingConfig(object_pos_m=0.05, object_rot_rad=0.087, gravity=0.05, gyro_rad_s=0.2)
 HELD = SensingConfig(root_pos_m=0.02, root_yaw_rad=0.03, root_hz=10.0, object_pos_m=0.02)
 SENSING = {"trained": STUDENT_SENSING, "exact": SensingConfig(), "raw poses": RAW, "a held root": HELD}

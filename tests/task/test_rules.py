@@ -129,7 +129,7 @@ def test_the_worse_of_two_events_counts(kind):
 def test_referees_decide_by_that_order():
     yes, far = np.ones((1, 1), dtype=bool), np.full((1, 1), 9.0)
     signals = {name: yes for name in ("unstable", "fall", "drop", "robot_hit", "object_hit")}
-    gaps = dict(robot_gap_m=far, object_gap_m=far, self_depth_m=far, goal_m=np.zeros((1, 1)))
+    gaps = dict(robot_gap_m=far, object_gap_m=far, self_depth_m=far, goal_m=np.zeros((1, 1)), met=~yes, way_m=far)
     for name in ("unstable", "fall", "drop", "robot_hit", "object_hit"):
         outcome = name.replace("hit", "collision")
         assert exact(Signals(**signals, **gaps), 1).outcome == (outcome,)

@@ -90,11 +90,11 @@ class ProxQp:
     def solve(self, guess: Guess) -> bool:
         """See `Solver`."""
         p, qp = self._p, self._qp
-        if self._ready:
-            qp.update(H=p.H, g=p.g, A=p.A, b=p.b, C=p.C, l=p.lower, u=p.upper, update_preconditioner=False)
-        else:
+        if not self._ready:
             qp.init(p.H, p.g, p.A, p.b, p.C, p.lower, p.upper)
             self._ready = True
+        # the first problem too: the same one, solved again later, has the same solution to the last bit
+        qp.update(H=p.H, g=p.g, A=p.A, b=p.b, C=p.C, l=p.lower, u=p.upper, update_preconditioner=False)
         qp.solve(guess.x, guess.y, guess.z)
         results = qp.results
         if results.info.status != self._solved or not np.isfinite(results.x).all():

@@ -9,15 +9,13 @@ from hotice.deploy.estimate.seen import SeenPose
 from hotice.model.frames import rotation_z, yaw_from_quat
 from hotice.policy.measuring import heading, root_at, track_gravity, track_root
 from hotice.safety import PoseGate
-from hotice.safety.jumps import NEAR, REFUSED
+from hotice.safety.jumps import AGREED, NEAR
 from hotice.safety.limits import POSE_JUMP
 from hotice.task.sensing import STUDENT_SENSING, TRACK_TILT
 
 Array = NDArray[np.float64]
 REFRESH_S = 1.0 / STUDENT_SENSING.root_hz
 """Time between two poses of localization, as trained [s]."""
-STILL_S = 1.0
-"""Without a pose for so long the root is taken to stand: the guard has it stand by then."""
 GAP_S = 0.2
 """After so long without a state gravity is what is measured: what the gyro turned in between is not known."""
 
@@ -27,8 +25,10 @@ class RootTracker:
 
     Attributes:
         root: (8,) see `hotice.policy.measuring.track_root`; None before the first pose.
-        down_P: (3,) direction of gravity; accepted_s: when the last pose came that was believed [s].
-        moved: whether poses insisted on another place than tracking, until `settle`; verdict: of the newest pose.
+        down_P: (3,) direction of gravity.
+        tracked_s: when the last pose came that was near tracking [s]; accepted_s: that, or the last of five that agreed
+            on another place.
+        moved: whether poses insisted on another place, until `acknowledge`; verdict: of the newest pose.
     """
 
     def __init__(self, *, latency_s: float = 0.0) -> None:
@@ -36,6 +36,8 @@ class RootTracker:
         self._latency_s, self._gate = latency_s, PoseGate(POSE_JUMP)
         self._time_s = self._seen_s = -np.inf
         self._count = 0
+        self._claim: Array | None = None
+        self.tracked_s = -np.inf
         self.root: Array | None = None
         self.down_P, self.accepted_s, self.moved, self.verdict = np.array([0.0, 0.0, -1.0]), -np.inf, False, "none yet"
 
@@ -59,8 +61,6 @@ class RootTracker:
             if seen is not None:
                 self._begin(seen)
             return
-        if now_s - self.accepted_s > STILL_S:
-            self.root[5:] = 0.0
         ahead = track_root(self.root, None, turning, REFRESH_S, passed_s)
         if seen is None:
             self.root = ahead
@@ -71,17 +71,34 @@ class RootTracker:
         known, newest = _flat(ahead[:3], heading(ahead)[0]), _flat(seen[:3], seen[3])
         self._gate.track(known[:3], known[3:])
         said = self._gate.judge(newest[:3], newest[3:])
-        if said == REFUSED:
-            self.root, self.verdict = ahead, "elsewhere than tracking"
-        elif said == NEAR:
+        if said == NEAR:
             self.root = track_root(self.root, seen, turning, REFRESH_S, passed_s)
-            self.accepted_s = self._seen_s
-        else:
-            self._begin(seen)
-            self.moved = True
+            self.accepted_s = self.tracked_s = self._seen_s
+            self._claim = None
+            return
+        self.root, self.verdict = ahead, "elsewhere than tracking"
+        if said == AGREED:
+            self.moved = self.moved or self._claim is None
+            self._claim, self.accepted_s = seen, self._seen_s
+
+    def walk(self, p_WP: Array) -> None:
+        """Puts the root where something else than poses carried it, (3,) [m]; its velocity is not known then."""
+        assert self.root is not None
+        self.root[:3], self.root[5:] = p_WP, 0.0
+
+    def acknowledge(self) -> None:
+        """Somebody knows of the dispute; tracking goes on all the same."""
+        self.moved = False
+
+    def settle(self) -> None:
+        """Takes over the place on which poses insist, if they do."""
+        self.moved = False
+        if self._claim is not None:
+            self._begin(self._claim)
 
     def _begin(self, seen: Array) -> None:
-        self.root, self.accepted_s = root_at(seen), self._seen_s
+        self.root, self.accepted_s, self.tracked_s = root_at(seen), self._seen_s, self._seen_s
+        self._claim = None
 
     def _new(self, pose: SeenPose | None) -> Array | None:
         """Place and heading (4,) of a pose that is new and good."""

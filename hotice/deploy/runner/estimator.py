@@ -38,6 +38,10 @@ class Estimator(Protocol):
         """
         ...
 
+    def acknowledge(self) -> None:
+        """An operator knows of a dispute, which is told no more; what is believed stays."""
+        ...
+
     def settle(self) -> None:
-        """Ends a dispute: an operator has looked, and the newest localization counts."""
+        """Ends a dispute: an operator has looked and goes on, and the newest localization counts."""
         ...

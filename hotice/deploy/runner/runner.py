@@ -54,7 +54,7 @@ class RobotRunner:
         self._targets = np.zeros((), TARGETS)
         self._targets["q"] = self.all_joints(self.policy.rest)
         self._place_W: Array | None = None
-        self._unsure = False
+        self._mode = Mode.OFF
         self._goal_W = np.array([*pf.scene.goal_W[:2], GOAL_HEIGHT_M])
         self.estimate: Estimate | None = None
         """The newest."""
@@ -103,11 +103,17 @@ class RobotRunner:
             return
         mode = Mode(int(status["mode"]))
         estimate = None
+        if mode is Mode.CARRY and self._mode is Mode.HOLD:
+            # the operator saw what it insists on, and went on
+            self._estimator.settle()
+        self._mode = mode
         if status["sequence"]:
             estimate = self._estimator.update(status["state"], began_s, float(status["received_s"]))
         self.estimate = estimate
-        if mode is Mode.HOLD or mode not in DRIVEN:
-            # who stands or hangs is seen by the operator, whose key goes on
+        if mode is Mode.HOLD:
+            # who stands is seen by the operator, but stands by what it was sure of: by a wrong heading it would walk
+            self._estimator.acknowledge()
+        elif mode not in DRIVEN:
             self._estimator.settle()
         q = self._moving(mode, estimate) if mode in DRIVEN else self._resting()
         if q is None:
@@ -124,7 +130,7 @@ class RobotRunner:
 
     def _resting(self) -> Array:
         self.policy.reset()
-        self._place_W, self._unsure = None, False
+        self._place_W = None
         self._targets["done"] = 0
         return self.policy.rest
 
@@ -133,8 +139,7 @@ class RobotRunner:
             return None
         reading = read_fields(self._pf, estimate.percept, self.policy.task)
         # a place that is disputed is not gone by, not for the moment either that the guard takes to hold
-        self._unsure = estimate.disputed or (self._unsure and mode is not Mode.CARRY)
-        if mode is Mode.CARRY and not self._unsure:
+        if mode is Mode.CARRY and not estimate.disputed:
             there = arrived(float(reading.goal_distance[0]))
             self._targets["done"] = there
             # who stops there stands at the goal, not where it was when it was near enough
@@ -146,10 +151,7 @@ class RobotRunner:
         return self.policy.act(estimate.percept, reading)
 
     def _standing(self, reading: FieldReading, percept: Percept) -> FieldReading:
-        """The reading of a robot that stays where it was when it began to stand.
-
-        Since a dispute it stays where it is: by a heading that is wrong, the way back would lead away.
-        """
-        if self._place_W is None or self._unsure:
+        """The reading of a robot that stays where it was when it began to stand."""
+        if self._place_W is None:
             self._place_W = np.array([*percept.p_WP[:2], GOAL_HEIGHT_M])
         return read_standing(reading, percept, self._place_W, self.policy.task, self._pf.params.attraction)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from hotice import checks
 from hotice.errors import InvalidConfig
@@ -41,6 +42,8 @@ class PickDistillConfig(DistillConfig):
     """Optimiser; the learning rate stays what it is."""
     task: TaskConfig = field(default_factory=lambda: pickup_task(TaskConfig()))
     """Task."""
+
+    CAN_TRY: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -19,6 +19,8 @@ from hotice.task.config import TaskConfig
 from hotice.task.presets import get_preset
 from hotice.version import source_version
 
+MOST_TRIALS = 10_000
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
@@ -59,6 +61,12 @@ class TrainConfig:
     """Time between checkpoints."""
     checkpoint_updates: int = 0
     """Also checkpoint every so many updates; 0: no."""
+    trials: int = 0
+    """Trials of the averaged policy at each checkpoint, always the same ones: success, distance, and their ways seen
+    from above in TensorBoard; 0: none."""
+    wandb: str | None = None
+    """Project of Weights & Biases that gets what TensorBoard gets (extra `wandb`); without one nothing leaves this
+    machine."""
     physics: str = "mujoco"
     """Simulator: "mujoco" on the CPU, "warp" on an NVIDIA GPU."""
     device: str = "auto"
@@ -81,6 +89,8 @@ class TrainConfig:
     task: TaskConfig = field(default_factory=lambda: TaskConfig(anywhere=0.7, end_at_goal=False))
     """Task."""
 
+    CAN_TRY: ClassVar[bool] = True
+    """Whether `trials` may be asked for."""
     NEEDS_INIT: ClassVar[bool] = False
     """Whether a run of this kind begins from another one."""
 
@@ -93,6 +103,13 @@ class TrainConfig:
             )
         checks.numbers(self, checks.INT64, "max_minutes", "checkpoint_minutes")
         checks.wholes(self, checks.INT64, "checkpoint_updates", "critic_updates", "threads", "seed")
+        checks.whole("trials", self.trials, Range(least=0, most=MOST_TRIALS))
+        if self.trials and not self.CAN_TRY:
+            raise InvalidConfig(
+                f"trials is {self.trials}: pick-ups are scored by `hotice pickup evaluate`, leave it out"
+            )
+        if self.wandb is not None and not self.wandb.strip():
+            raise InvalidConfig("wandb is empty: the name of a project is needed, or none")
         if self.curriculum_distance_m != 0:
             far = Range(least=NEAREST_M, unit="m", note="or 0: at any distance")
             checks.number("curriculum_distance_m", self.curriculum_distance_m, far)

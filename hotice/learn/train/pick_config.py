@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from hotice.errors import InvalidConfig
 from hotice.learn.ppo.config import PpoConfig
@@ -36,6 +37,8 @@ class PickTrainConfig(TrainConfig):
     """Optimiser: smaller steps than from nothing (ours)."""
     task: TaskConfig = field(default_factory=lambda: pickup_task(TaskConfig()))
     """Task."""
+
+    CAN_TRY: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -17,8 +17,12 @@ from torch.utils.tensorboard import SummaryWriter
 
 from hotice.console import PlainConsole
 from hotice.errors import OutputError
+from hotice.fields.bank import FieldBank
 from hotice.files import make_folder, output_file, write_bytes
-from hotice.learn.train.config import TrainConfig
+from hotice.learn.train.config import TrainConfig, config_to_dict
+from hotice.learn.train.trials import TrialResults
+from hotice.learn.train.wandb_sync import wandb_run
+from hotice.learn.train.ways_picture import ways_figure
 from hotice.progress import in_words, left
 
 SHOWN = (
@@ -71,7 +75,9 @@ class Progress:
         self.excepthook, threading.excepthook = threading.excepthook, self._quiet
         try:
             with self._writing():
+                self.sync = wandb_run(self.config)
                 self.writer = SummaryWriter(str(self.config.out / "tensorboard"), purge_step=self.first_step)
+                self.writer.add_text("configuration", _as_table(self.config), self.first_step or 0)
         except OutputError:
             self.lines.close()
             threading.excepthook = self.excepthook
@@ -90,6 +96,21 @@ class Progress:
                 raise
         finally:
             threading.excepthook = self.excepthook
+            if self.sync is not None:
+                self.sync.finish(exit_code=int(kind is not None))
+
+    def trials(self, steps: int, results: TrialResults, bank: FieldBank) -> None:
+        """Shows and stores what trials gave after `steps` environment steps. Raises `OutputError`."""
+        log = results.log()
+        with self._writing():
+            for key, value in log.items():
+                self.writer.add_scalar(key, value, steps)
+            self.writer.add_figure("trials/ways", ways_figure(results, bank), steps)
+            self.writer.flush()
+        self.note(
+            f"trials at {steps / 1e6:.2f} M steps: {log['trials/success']:.0%} of {len(results.outcome)}, "
+            f"{log['trials/distance_m']:.2f} m"
+        )
 
     def report(self, update: int, steps: int, minutes: float, log: dict[str, float]) -> None:
         """Shows and stores the numbers of an update. Raises `OutputError`."""
@@ -150,3 +171,18 @@ def _update_of(line: bytes) -> float:
         return json.loads(line)["update"]
     except (ValueError, KeyError, TypeError, RecursionError):
         return float("inf")
+
+
+def _as_table(config: TrainConfig) -> str:
+    """The configuration as a table in Markdown, nested names with dots."""
+    rows: list[tuple[str, object]] = []
+
+    def add(prefix: str, value: object) -> None:
+        if isinstance(value, dict):
+            for name, inner in value.items():
+                add(f"{prefix}.{name}" if prefix else name, inner)
+        else:
+            rows.append((prefix, value))
+
+    add("", config_to_dict(config))
+    return "| Option | Value |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)

@@ -18,6 +18,9 @@ from hotice.learn.train.progress import Progress
 from hotice.learn.train.resume import begin_from, load_run, save_run
 from hotice.learn.train.run import Run
 from hotice.learn.train.signals import stop_on_signals
+from hotice.learn.train.statistics import by_family
+from hotice.learn.train.trials import Trials
+from hotice.learn.train.wandb_sync import check_wandb
 from hotice.owner import sole_owner
 from hotice.sim.batch_env import Step
 from hotice.sim.env import TransportEnv
@@ -27,6 +30,7 @@ class Runner(Run):
     """Runner of one training; checkpoints hold all that later updates depend on, so resuming is exact to the bit."""
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
+        check_wandb(config)
         goes_on = config.resume and bool(list_checkpoints(config.out))
         if config.NEEDS_INIT and config.init is None and not goes_on:
             raise InvalidConfig("no init: the checkpoint or run of a student is needed")
@@ -35,6 +39,8 @@ class Runner(Run):
                 read_meta(resolve(path))
         super().__init__(config, env)
         self._saved_at = time.monotonic()
+        self._trials: Trials | None = None
+        self._tried = -1
         if goes_on:
             load_run(self, config.out)
         elif config.init is not None:
@@ -91,10 +97,22 @@ class Runner(Run):
                 skipped = self.algo.skipped
                 if due and not (late or stopped):
                     self.save()
+                    self._try(progress)
             if progress and stopped:
                 progress.note("asked to stop: saving")
-        self.save()
+            self.save()
+            if not stopped:
+                self._try(progress)
         return not stopped
+
+    def _try(self, progress: Progress | None) -> None:
+        """Walks the trials that were asked for with the averaged policy, and tells how they went."""
+        if progress is None or not self.config.trials or self._tried == self.update:
+            return
+        self._tried = self.update
+        if self._trials is None:
+            self._trials = Trials(self.env, self.config)
+        progress.trials(self.steps, self._trials.run(self.net, self.average), self.env.bank)
 
     def learn_once(self) -> dict[str, float]:
         """One rollout and one update; returns what is logged of them."""
@@ -170,7 +188,7 @@ class Runner(Run):
             self.env.starter.scene_weight.copy_(self.curriculum.weights())
             log["curriculum/solved"] = float((self.curriculum.rate > 0.8).float().mean())
         self.stages.update(float(ended.sum()), float(successes.sum()))
-        return log | self.stages.log()
+        return log | by_family(self.env.bank.names, ended, successes) | self.stages.log()
 
     def _observe_statistics(self) -> None:
         """Updates the normalisers, once an update, with the newest observations and their mirror images."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
+from hotice.model.generate.family_names import family_of
 from hotice.sim.batch_env import Step
 from hotice.task.rules import OUTCOMES
 
@@ -68,3 +71,17 @@ class EpisodeStatistics:
         for counter in self.counters:
             counter.zero_()
         return result, ended, successes
+
+
+def by_family(names: Sequence[str], ended: Tensor, successes: Tensor) -> dict[str, float]:
+    """Share of arrivals in each family of scenes in which episodes ended, under `family/`.
+
+    names: of S scenes; those of no family count as `other`. ended, successes: (S,) of each scene, see
+    `EpisodeStatistics.pop`.
+    """
+    sums: dict[str, list[float]] = {}
+    for name, n, good in zip(names, ended.tolist(), successes.tolist(), strict=True):
+        if n:
+            both = sums.setdefault(family_of(name) or "other", [0.0, 0.0])
+            both[0], both[1] = both[0] + n, both[1] + good
+    return {f"family/{family}": good / n for family, (n, good) in sorted(sums.items())}

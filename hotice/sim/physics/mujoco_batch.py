@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import mujoco
 import mujoco.batch
@@ -70,6 +70,10 @@ class MujocoBatch:
         self._sensed = _view(self.batch.bind("sensordata")) if has_sensors else None
         self.hits = torch.zeros(num_envs, 2, dtype=torch.bool) if has_sensors else None
         self.self_depth = torch.zeros(num_envs) if has_sensors else None
+        moving = self.models[0].nmocap
+        self.follow: Callable[[int], tuple[Tensor, Tensor]] | None = None
+        self.met = torch.zeros(num_envs, moving, dtype=torch.bool) if has_sensors and moving else None
+        self._mocap = tuple(_view(self.batch.bind(n)) for n in ("mocap_pos", "mocap_quat")) if moving else ()
         self._rows = {name: np.stack([getattr(m, name) for m in self.models]) for name in differing_fields(self.models)}
         self._fields = {name: self.batch.expand(name) for name in self._rows}
         self.set_models(torch.arange(num_envs), torch.arange(num_envs) % len(self.models))
@@ -100,16 +104,34 @@ class MujocoBatch:
         assert self.hits is not None and self._sensed is not None and self.self_depth is not None
         self.hits.zero_()
         self.self_depth.zero_()
+        if self.met is not None:
+            self.met.zero_()
         ids = self._moved()
         moved = slice(None) if ids is None else ids
         for k in range(substeps):
             if target is not None and delay is not None:
                 arrives = delay == k
                 self.ctrl[arrives] = target[arrives].to(self.ctrl.dtype)
+            self._place_moving(k)
             self._step(1, ids, _STAGE.mjSTAGE_ACC if k == substeps - 1 else _STAGE.mjSTAGE_VEL)
             sensed = self._sensed[moved]
             self.hits[moved] |= sensed[:, :2] > 0
+            if self.met is not None:
+                self._see_moving(moved, sensed[:, 3:] > 0)
             self.self_depth[moved] = torch.maximum(self.self_depth[moved], -sensed[:, 2].float())
+
+    def _place_moving(self, k: int) -> None:
+        """Places what moves where it will be after physics step k: contacts see it a step ahead at most."""
+        if self.follow is not None:
+            for place, value in zip(self._mocap, self.follow(k), strict=True):
+                place.copy_(value.view(place.shape))
+
+    def _see_moving(self, moved: Tensor | slice, sensed: Tensor) -> None:
+        """Counts contacts (n, 2 M), of robot and object with each moving obstacle in turn."""
+        assert self.met is not None and self.hits is not None
+        each = sensed.view(len(sensed), -1, 2)
+        self.met[moved] |= each.any(dim=2)
+        self.hits[moved] |= each.any(dim=1)
 
     def _moved(self, which: Tensor | None = None) -> Tensor | None:
         """Ids (n,) of the simulations that move, of those in `which` (N,) bool; None for all."""
@@ -154,6 +176,8 @@ class MujocoBatch:
         self.actuator_force[ids] = 0.0
         if self.hits is not None:
             self.hits[ids] = False
+        if self.met is not None:
+            self.met[ids] = False
 
 
 def differing_fields(models: Sequence[mujoco.MjModel]) -> list[str]:

@@ -53,6 +53,8 @@ class MujocoWarp:
         self.device = torch.device(device)
         self.hits: Tensor | None = None
         self.self_depth: Tensor | None = None
+        self.met: Tensor | None = None
+        self.follow: Callable[[int], tuple[Tensor, Tensor]] | None = None
         self.models = list(models)
         first = copy.copy(self.models[0])
         first.opt.jacobian = mujoco.mjtJacobian.mjJAC_AUTO  # sparse ones are for the CPU

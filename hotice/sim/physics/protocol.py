@@ -5,7 +5,7 @@ Everything above this protocol is torch and does not know which simulator runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 from hotice.errors import InvalidConfig, UnknownName
@@ -31,6 +31,10 @@ class Physics(Protocol):
             hold no obstacles.
         self_depth: (N,) how deep the robot's parts were in each other at most during the last step [m], or None like
             `hits`.
+        met: (N, M) bool, whether each of the M moving obstacles touched robot or object during the last step, or None
+            where the models hold none; `hits` counts them too.
+        follow: where the moving obstacles of models that hold some are: a function of k that gives their positions
+            (N, M, 3) and quaternions (N, M, 4) after physics step k of a control step; None: where they are.
         com (N, B, 3): centre of mass of the subtree below each body.
         actuator_force (N, nu) [N m] in the last substep, zero after `forward`: a copy.
     """
@@ -47,6 +51,8 @@ class Physics(Protocol):
     actuator_force: Tensor
     hits: Tensor | None
     self_depth: Tensor | None
+    met: Tensor | None
+    follow: Callable[[int], tuple[Tensor, Tensor]] | None
 
     def step(self, substeps: int, target: Tensor | None = None, delay: Tensor | None = None) -> None:
         """Advances all simulations; derived tensors then describe the new state.

@@ -1,0 +1,1 @@
+"""What moves, beside the fields of what stands still: distances, and fields of the moment."""
