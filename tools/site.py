@@ -18,6 +18,7 @@ import sys
 from pathlib import Path
 
 from tools import notebooks, reference
+from tools.mathml import with_mathml
 
 ROOT = Path(__file__).resolve().parent.parent
 LINK = re.compile(r"\]\((?:\.\./)+([\w./-]+)(#[\w-]+)?\)")
@@ -33,7 +34,8 @@ def gather(folder: Path) -> list[Path]:
     pages = sorted(folder.rglob("*.md"))
     for page in pages:
         text = page.read_text(encoding="utf-8")
-        page.write_text(LINK.sub(lambda link: f"]({_beside(link[1], folder)}{link[2] or ''})", text), encoding="utf-8")
+        text = LINK.sub(lambda link: f"]({_beside(link[1], folder)}{link[2] or ''})", text)
+        page.write_text(with_mathml(text), encoding="utf-8")
     return pages
 
 
