@@ -10,6 +10,7 @@ pytest.importorskip("latex2mathml")
 def test_formulas_in_a_line_and_of_their_own():
     page = with_mathml("with $\\eta = 0.6$ m/s\n\n$$F = -\\nabla U \\qquad (1)$$\n")
     assert page.count("<math") == 2 and 'display="inline"' in page and 'display="block"' in page
+    assert with_mathml("$x$ is a length").startswith("<span><math")
     assert "$" not in page and "\\" not in page and "<mn>0.6</mn>" in page
 
 

@@ -33,4 +33,6 @@ def _mathml(formula: str, display: str) -> str:
         raise ValueError(f"no formula: {formula.strip()}: {type(error).__name__}") from None
     if "\\" in made:
         raise ValueError(f"no formula: {formula.strip()}: it has a command that MathML is not made of")
-    return made.replace("\n", " ")
+    made = made.replace("\n", " ")
+    # a line that began with `math` would be a block of HTML to Markdown, and the rest of its paragraph too
+    return made if display == "block" else f"<span>{made}</span>"
