@@ -23,6 +23,7 @@
     if (record.ready) return record;
     for (const key of ["geom_pos", "geom_quat", "arrow_pos", "arrow_force", "root_pos", "object_pos"])
       record[key] = unpack(record[key]);
+    for (const key of record.moving ? ["moving_pos", "moving_quat"] : []) record[key] = unpack(record[key]);
     record.ready = true;
     return record;
   }
@@ -260,7 +261,7 @@
     }
     // Poses at time t: positions and quaternions are interpolated between the two frames around it.
     update(t) {
-      const { time, geom_pos: p, geom_quat: q } = this.record;
+      const { time, geom_pos, geom_quat, moving = [], moving_pos, moving_quat } = this.record;
       let i = 0;
       for (let high = time.length - 1; high - i > 1;) {
         const middle = (i + high) >> 1;
@@ -268,13 +269,14 @@
       }
       const j = Math.min(i + 1, time.length - 1);
       const weight = j > i ? Math.min(Math.max((t - time[i]) / (time[j] - time[i]), 0), 1) : 0;
-      const count = this.geoms.length;
-      this.geoms.forEach((mesh, g) => {
-        const [a, b] = [i * count + g, j * count + g];
+      const pose = (meshes, p, q) => meshes.forEach((mesh, g) => {
+        const [a, b] = [i * meshes.length + g, j * meshes.length + g];
         mesh.position.set(...[0, 1, 2].map((k) => mix(p[3 * a + k], p[3 * b + k], weight)));
         const [w, x, y, z] = [0, 1, 2, 3].map((k) => mix(q[4 * a + k], q[4 * b + k], weight));
         mesh.quaternion.set(x, y, z, w).normalize();
       });
+      pose(this.geoms, geom_pos, geom_quat);
+      pose(moving.map((o) => this.obstacles[o]), moving_pos, moving_quat);
       this.sgf.update(i, j, weight);
       this.ogf.update(i, j, weight);
       return [0, 1, 2].map((k) => mix(this.record.root_pos[3 * i + k], this.record.root_pos[3 * j + k], weight));

@@ -53,6 +53,7 @@ COUNTS, DECISION, SPARED, MEMORY = range(4)
 """Groups of the state: how often each fault was there at a check, (faults,), the first number for any; answer and
 fault; which joints damp (20,); what the checks remember."""
 _SINCE, _LAST, _TICK, _SAME, _TAKEN, _DAMPED_S, _ANY = 0, FAULTS, FAULTS + 20, FAULTS + 21, FAULTS + 22, FAULTS + 23, 0
+_OF_STATE = slice(_SINCE + int(Fault.STATE_LATE), _SINCE + int(Fault.STATE_NOT_FINITE) + 1)
 _NUMBERS, _HELD_Q = FAULTS + 24, FAULTS + 64
 _SIZE = FAULTS + 84
 
@@ -285,7 +286,8 @@ class SafetyMonitor(LeafSystem):
 
     All is checked at the start of each control period, and an answer lasts for the period. In between every command is
     tested, so that none that is not finite or out of range ever passes: the last valid one is given again. Damping is
-    final: the arms keep squeezing for a while, then damp too.
+    final: the arms keep squeezing for a while, then damp too; at once where torques are commanded and the robot's state
+    is not known.
 
     Args:
         posture: what is held after a fault. limits: what is one.
@@ -364,7 +366,9 @@ class SafetyMonitor(LeafSystem):
                 self._spare(now, memory, state)
 
     def _spare(self, now: float, memory: Array, state: State) -> None:
-        arms = now - memory[_DAMPED_S] >= self.limits.arms_hold_s - 1e-9
+        # torques that hold are made of the measured state: of an old one they swing the arms until they fly
+        blind = self.torques and bool(np.isfinite(memory[_OF_STATE]).any())
+        arms = blind or now - memory[_DAMPED_S] >= self.limits.arms_hold_s - 1e-9
         state.get_mutable_discrete_state(SPARED).SetFromVector(np.maximum(LEGS_AND_WAIST, arms).astype(float))
 
     def _output_command(self, context: Context, output: BasicVector) -> None:

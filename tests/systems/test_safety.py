@@ -146,6 +146,20 @@ def test_the_arms_of_a_fallen_robot_hold_what_they_held_whatever_is_commanded_la
         np.testing.assert_array_equal(command[arms], watched.command[arms])
 
 
+@pytest.mark.parametrize("torques", [False, True])
+def test_arms_are_not_held_by_torques_of_a_state_that_is_old(posture, robot_state, torques):
+    """Servos of joints know their own; torques that are made of what was would swing the arms."""
+    w = Watched(posture, robot_state, torques)
+    w.step()
+    steps = [w.step(tick=[0.0]) for _ in range(8)]
+    answers, damped = [s[1] for s in steps], [s[3] for s in steps]
+    assert answers[-1] is Answer.DAMP
+    np.testing.assert_array_equal(damped[-1], np.ones(20) if torques else LEGS_AND_WAIST)
+    for _ in range(2):
+        *_, damped = w.step(), w.step()[3]
+    np.testing.assert_array_equal(damped, LEGS_AND_WAIST)
+
+
 @pytest.mark.parametrize(
     "index, value, fault",
     [(JOINT_VEL[3], -46.0, Fault.JOINT_SPEED), (ROOT_RATE.start + 1, 12.1, Fault.GYRO)],
