@@ -16,7 +16,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check 
 SOURCES := hotice tests benchmarks tools
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format type docs notebooks readme benchmark install clean distclean
+.PHONY: help demo test test-fast lint format type docs notebooks lab pictures readme benchmark install clean distclean
 
 help: ## Show this list
 	@awk 'BEGIN {FS = ":.*## "} /^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -37,6 +37,10 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	@$(BIN)/python tools/check_no_cuda.py
 	$(BIN)/python -m hotice warm
 	@touch $@ $(VENV)/.core
+
+$(VENV)/.lab: $(VENV)/.dev
+	$(PIP_INSTALL) -e ".[notebook]"
+	@touch $@
 
 install: $(VENV)/.dev ## Install everything that tests and notebooks need
 
@@ -65,6 +69,12 @@ docs: $(VENV)/.dev ## Write the documentation with the API reference to build/si
 
 notebooks: $(VENV)/.dev ## Execute every notebook, with a short training
 	HOTICE_TRAIN_MINUTES=$${HOTICE_TRAIN_MINUTES:-0.5} $(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks $(ARGS)
+
+lab: $(VENV)/.lab ## Open the notebooks in JupyterLab
+	$(BIN)/jupyter lab notebooks $(ARGS)
+
+pictures: $(VENV)/.dev ## Execute the notebooks and keep their pictures in them
+	$(BIN)/python -m tools.notebooks $(ARGS)
 
 readme: $(VENV)/.dev ## Type whatever the README says to type, with small numbers
 	$(BIN)/python -m tools.try_readme

@@ -2,6 +2,7 @@
 
 import subprocess
 
+import nbformat
 import pytest
 
 from tools import site
@@ -22,6 +23,26 @@ def test_links_out_of_the_pages_lead_to_copies(root):
     site.gather(root / "source")
     assert (root / "source" / "page.md").read_text() == "[card](files/hotice/card.md#a-card), [page](other.md)\n"
     assert (root / "source" / "files" / "hotice" / "card.md").read_text() == "# A card\n"
+
+
+def test_notebooks_are_pages(root):
+    (root / "notebooks").mkdir()
+    nbformat.write(
+        nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell("# Try")]), root / "notebooks/01.ipynb"
+    )
+    (root / "docs" / "page.md").write_text("[try](../notebooks/01.ipynb)\n")
+    site.gather(root / "source")
+    assert (root / "source" / "page.md").read_text() == "[try](notebooks/01.md)\n"
+    assert (root / "source" / "notebooks" / "01.md").read_text() == "# Try\n"
+    (root / "docs" / "page.md").write_text("[gone](../notebooks/02.ipynb)\n")
+    with pytest.raises(FileNotFoundError, match="02.ipynb"):
+        site.gather(root / "source")
+
+
+def test_every_notebook_is_in_the_menu():
+    menu = (site.ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    found = sorted((site.ROOT / "notebooks").glob("*.ipynb"))
+    assert len(found) >= 5 and all(f": notebooks/{path.stem}.md" in menu for path in found)
 
 
 def test_a_link_to_no_file_is_an_error(root):

@@ -83,15 +83,15 @@ class Page:
 
     def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 10) -> None:
         """Presses the mouse at a place [px], moves it to another and lets go."""
-        self._mouse("mouseMoved", start)
+        self._mouse("mouseMoved", start, pressed=False)
         self._mouse("mousePressed", start)
         for i in range(1, steps + 1):
             self._mouse("mouseMoved", tuple(a + (b - a) * i / steps for a, b in zip(start, end, strict=True)))
         self._mouse("mouseReleased", end)
 
-    def _mouse(self, kind: str, at: tuple[float, ...]) -> None:
-        pressed = {"button": "left", "buttons": 1, "clickCount": 1} if kind != "mouseMoved" else {}
-        self.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], **pressed)
+    def _mouse(self, kind: str, at: tuple[float, ...], *, pressed: bool = True) -> None:
+        buttons = {"button": "left", "buttons": 1, "clickCount": 1} if pressed else {}
+        self.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], **buttons)
 
     def size(self, width: int, height: int, *, scale: float = 1.0, phone: bool = False) -> None:
         """Size of the window [px]."""

@@ -3,7 +3,8 @@
     python -m tools.site build/site
 
 Needs the extra `docs`, all others for the reference, and no network. Pages may link to files of the repository that are
-no pages themselves (`../notebooks/01_fields.ipynb`): those that a page asks for are laid beside it.
+no pages themselves (`../hotice/policies/student.md`): those that a page asks for are laid beside it. Notebooks are
+pages, with the pictures that they hold.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tools import reference
+from tools import notebooks, reference
+from tools.mathml import with_mathml
 
 ROOT = Path(__file__).resolve().parent.parent
 LINK = re.compile(r"\]\((?:\.\./)+([\w./-]+)(#[\w-]+)?\)")
@@ -25,15 +27,28 @@ LINK = re.compile(r"\]\((?:\.\./)+([\w./-]+)(#[\w-]+)?\)")
 def gather(folder: Path) -> list[Path]:
     """Copies of all pages in `folder`, with links out of `docs` led to copies of what they mean."""
     shutil.copytree(ROOT / "docs", folder, dirs_exist_ok=True)
+    for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        made = folder / "notebooks" / f"{notebook.stem}.md"
+        made.parent.mkdir(exist_ok=True)
+        made.write_text(notebooks.page(notebook, made.parent / "pictures"), encoding="utf-8")
     pages = sorted(folder.rglob("*.md"))
     for page in pages:
         text = page.read_text(encoding="utf-8")
-        page.write_text(LINK.sub(lambda link: f"]({_beside(link[1], folder)}{link[2] or ''})", text), encoding="utf-8")
+        text = LINK.sub(lambda link: f"]({_beside(link[1], folder)}{link[2] or ''})", text)
+        page.write_text(with_mathml(text), encoding="utf-8")
     return pages
 
 
 def _beside(path: str, folder: Path) -> str:
-    """Path of a copy below `files`, made when first asked for. `FileNotFoundError`: a link that leads nowhere."""
+    """Path of a copy below `files`, made when first asked for; of a notebook its page.
+
+    Raises `FileNotFoundError`: a link that leads nowhere.
+    """
+    if path.startswith("notebooks/") and path.endswith(".ipynb"):
+        page = Path(path).with_suffix(".md")
+        if not (folder / page).exists():
+            raise FileNotFoundError(path)
+        return page.as_posix()
     copy = folder / "files" / path
     if not copy.exists():
         copy.parent.mkdir(parents=True, exist_ok=True)

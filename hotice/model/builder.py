@@ -219,9 +219,7 @@ def add_obstacles(spec: mujoco.MjSpec, scene: Scene, movable: bool = False) -> N
             )
         for index, prism in enumerate(face_prisms(vertices, faces)):
             spec.add_mesh(name=f"{name}#{index}", uservert=prism.reshape(-1).tolist())
-            body.add_geom(
-                name=f"{name}#{index}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}#{index}", **common, **pose
-            )
+            body.add_geom(name=f"{name}#{index}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}#{index}", **common)
 
 
 def add_contact_sensors(spec: mujoco.MjSpec, moving: Sequence[str] = ()) -> None:

@@ -142,6 +142,7 @@ def _pack(record: RolloutRecord) -> dict[str, Any]:
         "root_pos": _quantised(record.root_pos_W),
         "object_pos": _quantised(record.object_pos_W),
         "clearance": record.clearance_m.round(4).tolist(),
+        **_pack_moving(record),
         "scene": {
             "name": record.scene.name,
             "bounds": record.scene.bounds_m,
@@ -149,6 +150,20 @@ def _pack(record: RolloutRecord) -> dict[str, Any]:
             "goal": record.scene.goal,
             "obstacles": [_pack_obstacle(o) for o in record.scene.obstacles],
         },
+    }
+
+
+def _pack_moving(record: RolloutRecord) -> dict[str, Any]:
+    """Which obstacles move, by their place in the scene, and where each is in each frame; nothing where none does."""
+    moving = [i for i, obstacle in enumerate(record.scene.obstacles) if obstacle.motion is not None]
+    if not moving:
+        return {}
+    frames = [[record.scene.obstacles[i].at(float(time_s)) for i in moving] for time_s in record.time_s]
+    quat = np.array([[o.quaternion_wxyz for o in frame] for frame in frames])
+    return {
+        "moving": moving,
+        "moving_pos": _quantised(np.array([[o.position_m for o in frame] for frame in frames])),
+        "moving_quat": _quantised(_without_sign_flips(quat)),
     }
 
 

@@ -124,7 +124,8 @@ def _row_shape(record: RolloutRecord) -> tuple[float, float, float]:
 def _draw_view(axes: Axes, record: RolloutRecord, plane: list[int], depth: int, ghosts: int, arrows: bool) -> None:
     low, high = np.array(record.scene.bounds_m)
     top_view = depth == 2
-    for obstacle in record.scene.obstacles:
+    for moving in record.scene.obstacles:
+        obstacle = moving.at(float(record.time_s[-1]))
         vertices, faces = obstacle_triangles(obstacle)
         points = placed(vertices, np.array(obstacle.position_m), np.array(obstacle.quaternion_wxyz))[:, plane]
         hollow = obstacle_geom(obstacle)[0] == "mesh"
@@ -140,6 +141,9 @@ def _draw_view(axes: Axes, record: RolloutRecord, plane: list[int], depth: int, 
                 linewidth=1.0,
             )
         )
+        if moving.motion is not None:
+            course = np.array([moving.at(float(time_s)).position_m for time_s in record.time_s])
+            axes.plot(*course[:, plane].T, color=color, linewidth=1.2, linestyle=":", zorder=6)
     frames = np.unique(np.rint(np.linspace(0, len(record.time_s) - 1, ghosts)).astype(int))
     for n, frame in enumerate(frames):
         age = 0.72 * (1.0 - n / max(len(frames) - 1, 1)) if len(frames) > 1 else 0.0
@@ -237,7 +241,8 @@ def draw_frame(axes: Axes, record: RolloutRecord, frame: int, azimuth: float, el
         points = placed(vertices, record.geom_pos_W[frame, g], record.geom_quat_W[frame, g])
         corners.append(points[faces])
         colors.append(np.tile(record.display_rgba[g], (len(faces), 1)))
-    for obstacle in record.scene.obstacles:
+    for moving in record.scene.obstacles:
+        obstacle = moving.at(float(record.time_s[frame]))
         vertices, faces = obstacle_triangles(obstacle)
         points = placed(vertices, np.array(obstacle.position_m), np.array(obstacle.quaternion_wxyz))
         # Painter's algorithm: triangles are sorted by their mean distance, which only works for small ones.

@@ -203,7 +203,11 @@ class RolloutRecord:
         placed = [solids.place(state) for state in qpos]
         pos, quat, root_pos, object_pos = (np.array(part) for part in zip(*placed, strict=True))
         time = np.asarray(time_s, dtype=float)
-        touched = find_touches(model, qpos, time) if len(time) == len(qpos) else Touched([], np.zeros(0))
+        touched = (
+            find_touches(model, qpos, time, scene if model.nmocap else None)
+            if len(time) == len(qpos)
+            else Touched([], np.zeros(0))
+        )
         arrows: dict[str, Any] = {}
         if arrow_pos_W is not None:
             if arrow_force_W is None or arrow_is_ogf is None:

@@ -31,7 +31,7 @@ class Placed(NamedTuple):
 
 
 class ShownSolids:
-    """Solids of a model but for those fixed to the world (floor, obstacles), of a hidden group or fully transparent.
+    """Solids of a model but for those of the world (floor, obstacles), of a hidden group or fully transparent.
 
     Args:
         model: robot and carried object.
@@ -87,8 +87,13 @@ def _body(model: mujoco.MjModel, name: str) -> int:
     return index
 
 
+def driven(model: mujoco.MjModel, body: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Whether bodies (n,) belong to robot or object: neither fixed to the world nor a mocap body of the scene."""
+    return (model.body_weldid[body] != 0) & (model.body_mocapid[model.body_weldid[body]] < 0)
+
+
 def _shown_geoms(model: mujoco.MjModel, groups: Collection[int]) -> NDArray[np.int64]:
-    moving = model.body_weldid[model.geom_bodyid] != 0
+    moving = driven(model, model.geom_bodyid)
     visible = np.isin(model.geom_group, list(groups)) & (model.geom_rgba[:, 3] > 0)
     shown = np.flatnonzero(moving & visible)
     for geom in shown:

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.model.builder import OBSTACLE_PREFIX
+from hotice.model.scene import Scene
 from hotice.replay.events import MOST_TOUCHES, RolloutEvent
+from hotice.replay.shown import driven
 
 FAR_M = 1.0
 """Clearance that is not looked beyond."""
@@ -24,21 +26,27 @@ class Touched(NamedTuple):
     clearance_m: NDArray[np.float64]
 
 
-def find_touches(model: mujoco.MjModel, qpos: NDArray[np.float64], time_s: NDArray[np.floating]) -> Touched:
+def find_touches(
+    model: mujoco.MjModel, qpos: NDArray[np.float64], time_s: NDArray[np.floating], scene: Scene | None = None
+) -> Touched:
     """Touches in the states `qpos` (T, nq) of a model with obstacles; without any, nothing.
 
-    A touch between two states that neither of them shows is not found.
+    `scene`: where what moves is at each time, in the order of the model's mocap bodies. A touch between two states that
+    neither of them shows is not found.
     """
     obstacles = [g for g in range(model.ngeom) if model.geom(g).name.startswith(OBSTACLE_PREFIX)]
     if not obstacles:
         return Touched([], np.zeros(0))
     data, of, events, seen = mujoco.MjData(model), set(obstacles), [], set()
     met = np.bitwise_or.reduce(model.geom_contype[obstacles])
-    solids = np.flatnonzero((model.geom_conaffinity & met > 0) & (model.body_weldid[model.geom_bodyid] != 0)).tolist()
+    solids = np.flatnonzero((model.geom_conaffinity & met > 0) & driven(model, model.geom_bodyid)).tolist()
     solids = solids if len(obstacles) <= MOST_OBSTACLES else []
     clearance = np.full(len(qpos) if solids else 0, FAR_M)
     for frame, state in enumerate(qpos):
         data.qpos[:] = state
+        for m, obstacle in enumerate(scene.moving if scene is not None else ()):
+            then = obstacle.at(float(time_s[frame]))
+            data.mocap_pos[m], data.mocap_quat[m] = then.position_m, then.quaternion_wxyz
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)

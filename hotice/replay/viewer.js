@@ -23,21 +23,31 @@
     if (record.ready) return record;
     for (const key of ["geom_pos", "geom_quat", "arrow_pos", "arrow_force", "root_pos", "object_pos"])
       record[key] = unpack(record[key]);
+    for (const key of record.moving ? ["moving_pos", "moving_quat"] : []) record[key] = unpack(record[key]);
     record.ready = true;
     return record;
   }
 
   // ---- view ----------------------------------------------------------------------------------------------------
+  // What lives has to be drawn in time: without a graphics card simply, unless pictures are made ("#fine").
+  function drawnBySoftware() {
+    const gl = document.createElement("canvas").getContext?.("webgl2");
+    const about = gl?.getExtension("WEBGL_debug_renderer_info");
+    return Boolean(about) && /swiftshader|llvmpipe|software/i.test(gl.getParameter(about.UNMASKED_RENDERER_WEBGL));
+  }
+  const simple = Boolean(page.live) && !window.location.hash.includes("fine") && drawnBySoftware();
   let renderer;
   try {
-    renderer = new THREE.WebGLRenderer({ canvas: $("view"), antialias: true });
+    renderer = new THREE.WebGLRenderer({ canvas: $("view"), antialias: !simple });
   } catch (error) {
     $("failure").hidden = false;
     $("failure").textContent = "This page needs WebGL, which this browser does not offer (" + error.message + ").";
     return;
   }
   renderer.shadowMap.enabled = true;
-  renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+  renderer.setPixelRatio(simple ? 0.5 : Math.min(window.devicePixelRatio, 2));
+  const shaded = (look, roughness, metalness = 0) => (simple ? new THREE.MeshLambertMaterial(look)
+    : new THREE.MeshStandardMaterial({ ...look, roughness, metalness }));
   const stage = new THREE.Scene();
   stage.background = new THREE.Color(0xeef2f6);
   stage.fog = new THREE.Fog(0xeef2f6, 9, 26);
@@ -51,14 +61,14 @@
 
   stage.add(new THREE.HemisphereLight(0xffffff, 0xd0d7df, 2.3));
   const sun = new THREE.DirectionalLight(0xffffff, 2.2);
-  sun.castShadow = true;
+  sun.castShadow = !simple;
   sun.shadow.mapSize.set(2048, 2048);
   Object.assign(sun.shadow.camera, { left: -3.5, right: 3.5, top: 3.5, bottom: -3.5, near: 0.5, far: 14 });
   sun.shadow.bias = -0.0005;
   sun.shadow.normalBias = 0.01;
   stage.add(sun, sun.target);
   const floor = new THREE.Mesh(
-    new THREE.PlaneGeometry(60, 60), new THREE.MeshStandardMaterial({ color: 0xc9d1da, roughness: 1 }));
+    new THREE.PlaneGeometry(60, 60), shaded({ color: 0xc9d1da }, 1));
   floor.receiveShadow = true;
   floor.position.z = -0.004;
   stage.add(floor);
@@ -192,9 +202,8 @@
     }
     addGeom(geom) {
       const [r, g, b, alpha] = geom.rgba;
-      const material = new THREE.MeshStandardMaterial({
-        color: new THREE.Color().setRGB(r, g, b, "srgb"), roughness: geom.object ? 0.8 : 0.45,
-        metalness: geom.object ? 0 : 0.15, transparent: alpha < 1, opacity: alpha });
+      const look = { color: new THREE.Color().setRGB(r, g, b, "srgb"), transparent: alpha < 1, opacity: alpha };
+      const material = geom.object ? shaded(look, 0.8) : shaded(look, 0.45, 0.15);
       const mesh = new THREE.Mesh(geometry(geom.type, geom.size), material);
       mesh.castShadow = mesh.receiveShadow = true;
       mesh.name = geom.name ?? "";
@@ -206,7 +215,7 @@
     addScene(scene) {
       this.obstacles = scene.obstacles.map((obstacle) => {
         const color = COLORS[obstacle.category] ?? COLORS.other;
-        const material = new THREE.MeshStandardMaterial({ color, roughness: 0.9, transparent: true, side: THREE.DoubleSide });
+        const material = shaded({ color, transparent: true, side: THREE.DoubleSide }, 0.9);
         const mesh = place(new THREE.Mesh(geometry(obstacle.type, obstacle.size, obstacle.mesh), material),
           obstacle.position, obstacle.quaternion);
         mesh.castShadow = mesh.receiveShadow = true;
@@ -252,7 +261,7 @@
     }
     // Poses at time t: positions and quaternions are interpolated between the two frames around it.
     update(t) {
-      const { time, geom_pos: p, geom_quat: q } = this.record;
+      const { time, geom_pos, geom_quat, moving = [], moving_pos, moving_quat } = this.record;
       let i = 0;
       for (let high = time.length - 1; high - i > 1;) {
         const middle = (i + high) >> 1;
@@ -260,13 +269,14 @@
       }
       const j = Math.min(i + 1, time.length - 1);
       const weight = j > i ? Math.min(Math.max((t - time[i]) / (time[j] - time[i]), 0), 1) : 0;
-      const count = this.geoms.length;
-      this.geoms.forEach((mesh, g) => {
-        const [a, b] = [i * count + g, j * count + g];
+      const pose = (meshes, p, q) => meshes.forEach((mesh, g) => {
+        const [a, b] = [i * meshes.length + g, j * meshes.length + g];
         mesh.position.set(...[0, 1, 2].map((k) => mix(p[3 * a + k], p[3 * b + k], weight)));
         const [w, x, y, z] = [0, 1, 2, 3].map((k) => mix(q[4 * a + k], q[4 * b + k], weight));
         mesh.quaternion.set(x, y, z, w).normalize();
       });
+      pose(this.geoms, geom_pos, geom_quat);
+      pose(moving.map((o) => this.obstacles[o]), moving_pos, moving_quat);
       this.sgf.update(i, j, weight);
       this.ogf.update(i, j, weight);
       return [0, 1, 2].map((k) => mix(this.record.root_pos[3 * i + k], this.record.root_pos[3 * j + k], weight));
@@ -488,6 +498,7 @@
     if (heard.text) take();
     if (page.live) stale();
     if ((page.live || !state.playing) && !stale_picture) return;
+    if (now < rests) return;
     if (page.live && !fine) keepUp(took);
     stale_picture = false;
     if (state.playing) {
@@ -518,19 +529,33 @@
       show.mark(state.time);
       showPresent(record, state.time);
     }
+    draw();
+  }
+  // Who draws by software takes every core: it rests for as long as a picture took, for others to work.
+  let rests = 0;
+  const pixel = new Uint8Array(4);
+  function draw() {
+    const begin = performance.now();
     renderer.render(stage, camera);
+    if (!simple) return;
+    const gl = renderer.getContext();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // comes when the picture is there
+    rests = 2 * performance.now() - begin;
   }
 
   // ---- a robot that lives ----------------------------------------------------------------------------------------
   const STALE_S = 0.5;
   const listeners = []; // of frames
-  const heard = { at: null, over: false, text: null, mode: "waiting", tone: "", time: 0 };
+  const heard = { at: null, over: false, text: null, last: null, mode: "waiting", tone: "", time: 0 };
   function hear() {
     document.body.classList.add("live");
     for (const mesh of show.geoms) mesh.visible = false;
     const source = new EventSource(page.live);
-    // only the newest of what has come between two pictures is looked at
-    source.addEventListener("message", (message) => Object.assign(heard, { at: performance.now(), text: message.data }));
+    // only the newest of what has come between two pictures is looked at, and nothing that is as before
+    source.addEventListener("message", (message) => {
+      heard.at = performance.now();
+      if (message.data !== heard.last) heard.text = heard.last = message.data;
+    });
     source.addEventListener("over", () => { heard.over = true; source.close(); });
   }
   function take() {

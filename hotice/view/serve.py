@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 from hotice.replay.html import live_page
 from hotice.replay.serving import EVENTS, LiveServer, Newest, Taker
@@ -13,8 +14,8 @@ from hotice.view.orders import MOST_BYTES, read_order
 from hotice.view.page import steering_of
 from hotice.view.session import Session
 
-FRAME_EVERY = 1
-"""Control steps from one frame to the next."""
+CALM_STEPS = 10
+"""Control steps after which a frame is sent though nothing has changed: the page sees that somebody is there."""
 SLIP_S = 0.2
 """So much is made up for by steps without pauses; of more, time slips: the robot lives slower than the world."""
 PACE_S = 1.0
@@ -45,12 +46,14 @@ def serve(session: Session, *, port: int, say: Callable[[str], None]) -> None:
 
 def _live(session: Session, painter: Painter, newest: Newest) -> None:
     due_s = looked_s = time.monotonic()
-    steps = lived = 0
+    calm = lived = 0
+    shown: dict[str, Any] = {}
     while True:
         session.tick()
-        steps, lived = steps + 1, lived + 1
-        if steps % FRAME_EVERY == 0:
-            newest.put(painter.frame())
+        lived, frame = lived + 1, painter.frame()
+        calm = calm + 1 if frame == shown else 0
+        if calm % CALM_STEPS == 0:
+            newest.put(shown := frame)
         period_s, now_s = session.walk.task.control_dt_s, time.monotonic()
         if now_s - looked_s >= PACE_S:
             painter.pace, looked_s, lived = min(1.0, lived * period_s / (now_s - looked_s)), now_s, 0

@@ -4,17 +4,24 @@ import http.client
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import torch
 
 from hotice.commands.configs import PlayConfig
+from hotice.commands.live.play_view import Follower, openers
 from hotice.commands.program import main
 from hotice.errors import InvalidConfig
+from hotice.learn.checkpoints.checkpoint import list_checkpoints
+from hotice.learn.policy import torch_policy
 
 
 @pytest.mark.parametrize(
@@ -43,6 +50,31 @@ def test_a_port_needs_a_view():
 def test_a_set_of_scenes_is_refused(capsys):
     assert main(["play", "--view", "--scenes", "bench20"]) == 2
     assert capsys.readouterr().err == "hotice: 20 scenes are given: a live view shows one\n"
+
+
+def test_a_run_walks_by_its_newest_checkpoint(run, tmp_path):
+    """A checkpoint acts as its policy does; a new one is handed over once, and a damaged one is told."""
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    network, policy = openers(str(copy))[str(copy)](), torch_policy(copy)
+    observation = np.random.default_rng(0).normal(size=(1, sum(n for _, n in network.layout))).astype(np.float32)
+    np.testing.assert_array_equal(network.run(observation), policy.act(torch.from_numpy(observation)).numpy())
+    assert list(openers("student")) == ["student", "carry", "teacher"]
+    given, said = [], []
+    follower = Follower(copy, SimpleNamespace(order=given.append), said.append)
+    follower.look()
+    assert given == [] == said
+    (newest,) = list_checkpoints(copy)[-1:]
+    new = newest.with_name("checkpoint-000090")
+    shutil.copytree(newest, new)
+    follower.look()
+    follower.look()
+    assert [network.name for network in given] == [str(new)] and said == [f"loaded {new}"]
+    broken = newest.with_name("checkpoint-000091")
+    shutil.copytree(newest, broken)
+    (broken / "meta.json").write_text("{")
+    follower.look()
+    assert len(given) == 1 and said[1].startswith(f"{broken} is not shown: ")
 
 
 def children(pid):

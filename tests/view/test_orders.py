@@ -1,8 +1,11 @@
 """Orders from a page: what is exactly one is taken, everything else is refused in words."""
 
+import contextlib
 import json
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hotice.errors import HoticeError
 from hotice.model import Box, load_scene
@@ -79,3 +82,19 @@ def test_what_is_no_order_is_refused(said, why):
 def test_what_is_no_json_object_is_refused(content):
     with pytest.raises(HoticeError):
         read_order(content, KNOWN)
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from([NAME, "sgf", "student", "box"]),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+KEYS = st.sampled_from(["obstacle", "to", "velocity", "object", "policy", "on", "field", "height", "x"])
+KINDS = st.sampled_from(["move", "push", "take", "policy", "noise", "pause", "restart", "restore", "slice"])
+
+
+@given(KINDS, st.dictionaries(KEYS, VALUES, max_size=3))
+@settings(max_examples=300, deadline=None)
+def test_whatever_comes_is_an_order_or_refused_in_words(kind, more):
+    with contextlib.suppress(HoticeError):
+        assert isinstance(read_order(json.dumps({"order": kind, **more}).encode(), KNOWN), orders.Order)

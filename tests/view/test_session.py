@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hotice.errors import HoticeError
+from hotice.errors import FieldsNotBuilt, HoticeError
 from hotice.fields import build_hod_pf
 from hotice.fields.live import LiveField
 from hotice.model import Box, Obstacle, Scene
@@ -246,3 +246,15 @@ def test_obstacles_with_a_motion_follow_it_unless_a_hand_holds_them():
         obstacles.advance(1.0, 0.02)
     assert obstacles.now["cart"] == cart.at(1.0)
     assert obstacles.restart() == (cart.at(0.0),)
+
+
+def test_a_lost_worker_ends_it_when_an_obstacle_moves():
+    """Fields that never follow would be worse than none."""
+    with LiveField(SCENE) as live:
+        policies = {"student": lambda: open_policy("student")}
+        session = Session(SCENE, live, Choice(policies=policies, policy="student", carried=Box((0.3, 0.3, 0.25), 1.5)))
+        live.close()
+        session.tick()
+        move(session, (1.0, -0.3, 0.5))
+        with pytest.raises(FieldsNotBuilt, match="has ended"):
+            session.tick()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -51,7 +52,7 @@ def play_view(config: PlayConfig) -> None:
         )
         session = Session(scenes[0], live, choice)
         if is_folder(config.policy):
-            threading.Thread(target=_follow, args=(Path(config.policy), session, said.print), daemon=True).start()
+            threading.Thread(target=Follower(Path(config.policy), session, said.print).follow, daemon=True).start()
         serve(session, port=config.view_port, say=said.print)
 
 
@@ -68,19 +69,32 @@ def _from_folder(path: str) -> Network:
     return TorchNetwork.load(Path(path))
 
 
-def _follow(run: Path, session: Session, say: Callable[[str], Any]) -> None:
-    """Loads each new checkpoint of a run that goes on; one that cannot be read is told, and the one before stays."""
-    from hotice.learn.checkpoints.checkpoint import list_checkpoints
+class Follower:
+    """Looks for new checkpoints of a run that goes on."""
 
-    seen = list_checkpoints(run)[-1:]
-    while True:
-        threading.Event().wait(LOOK_S)
-        newest = list_checkpoints(run)[-1:]
-        if newest == seen or not newest:
-            continue
-        seen = newest
+    def __init__(self, run: Path, session: Session, say: Callable[[str], Any]) -> None:
+        self._run, self._session, self._say = run, session, say
+        self._seen = self._newest()
+
+    def _newest(self) -> list[Path]:
+        from hotice.learn.checkpoints.checkpoint import list_checkpoints
+
+        return list_checkpoints(self._run)[-1:]
+
+    def look(self) -> None:
+        """Has the newest checkpoint walk, if it is new; one that cannot be read is told, and the one before stays."""
+        newest = self._newest()
+        if newest in ([], self._seen):
+            return
+        self._seen = newest
         try:
-            session.order(_from_folder(str(newest[0])))
-            say(f"loaded {newest[0]}")
+            self._session.order(_from_folder(str(newest[0])))
+            self._say(f"loaded {newest[0]}")
         except HoticeError as error:
-            say(f"{newest[0]} is not shown: {error}")
+            self._say(f"{newest[0]} is not shown: {error}")
+
+    def follow(self) -> None:
+        """Looks again and again."""
+        while True:
+            time.sleep(LOOK_S)
+            self.look()

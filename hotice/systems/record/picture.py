@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.systems.framework import Diagram
@@ -16,13 +16,14 @@ from pydrake.systems.primitives import VectorLogSink
 
 from hotice.errors import OutputError
 from hotice.files import write_bytes, write_text
+from hotice.systems.record.routing import HEIGHT, WIDTH, Wire, route
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FORMATS = (".png", ".svg", ".pdf")
-BOX = (1.5, 0.5)
-DX, DY = 3.1, 1.4
-"""Size of a box, and from one to the next."""
-AHEAD, BACK = 0.28, 0.22
-"""Bend of wires that pass over systems, and of those that lead back, per length."""
+INK, LINE = "#41546b", "#7a8798"
+"""Colours of boxes and labels, and of wires."""
 
 
 def write_station_page(meshcat: Any, path: str | Path) -> Path:
@@ -61,25 +62,26 @@ def draw_diagram(station: Diagram, path: Path) -> Path:
     from matplotlib.patches import FancyBboxPatch
 
     edges = wires(station)
-    place = _layout([system.get_name() for system in station.GetSystems()], edges)
-    columns, rows = (max(p[i] for p in place.values()) + 1 for i in range(2))
-    figure = Figure(figsize=(DX * columns, DY * rows + 3.0), layout="constrained")
-    ax = figure.add_subplot()
-    boxes = {}
-    for name, (x, y) in place.items():
-        corner = (DX * x - 0.5 * BOX[0], -DY * y - 0.5 * BOX[1])
-        boxes[name] = FancyBboxPatch(corner, *BOX, boxstyle="round,pad=0.08", fc="#e8eef5", ec="#41546b", zorder=3)
-        ax.add_patch(boxes[name])
-        ax.text(DX * x, -DY * y, name.replace("_", " "), ha="center", va="center", fontsize=10, zorder=4)
     labels: dict[tuple[str, str], list[str]] = {}
     for source, out, target, into in edges:
         labels.setdefault((source, target), []).append(out if out == into else f"{out} → {into}")
-    for (source, target), ports in labels.items():
-        _draw_wire(ax, place[source], place[target], (boxes[source], boxes[target]), "\n".join(ports))
-    spans = [place[target][0] - place[source][0] for source, target in labels]
-    above, below = 0.5 * AHEAD * DX * max(spans), 0.5 * BACK * DX * max(-min(spans), 0)
-    ax.set_xlim(-1.2, DX * (columns - 1) + 1.2)
-    ax.set_ylim(-max(DY * (rows - 1) + 0.6, below + 0.4), max(above, 0.0) + 0.5)
+    drawing = route(
+        _layout([system.get_name() for system in station.GetSystems()], edges),
+        {ends: ", ".join(ports) for ends, ports in labels.items()},
+    )
+    corners = np.array([*drawing.boxes.values(), *(point for wire in drawing.wires for point in wire.points)])
+    low, high = corners.min(axis=0) - [0.6 * WIDTH, 0.4], corners.max(axis=0) + [0.6 * WIDTH, 0.4]
+    figure = Figure(figsize=tuple(high - low), layout="constrained")
+    ax = figure.add_subplot()
+    for name, (x, y) in drawing.boxes.items():
+        size = WIDTH - 0.16, HEIGHT - 0.16
+        corner = (x - 0.5 * size[0], y - 0.5 * size[1])
+        ax.add_patch(FancyBboxPatch(corner, *size, boxstyle="round,pad=0.08", fc="#e8eef5", ec=INK, zorder=3))
+        ax.text(x, y, name.replace("_", " "), ha="center", va="center", fontsize=10, zorder=4)
+    for wire in drawing.wires:
+        _draw_wire(ax, wire)
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])
     ax.set_axis_off()
     buffer = io.BytesIO()
     figure.savefig(buffer, format=path.suffix[1:], dpi=110)
@@ -102,18 +104,19 @@ def _layout(order: list[str], edges: list[tuple[str, str, str, str]]) -> dict[st
     return place
 
 
-def _draw_wire(ax, start: tuple[int, int], end: tuple[int, int], boxes: tuple, label: str) -> None:
-    """An arrow from box to box: straight to the next column, above over several, below on the way back."""
-    a, b = np.array([DX * start[0], -DY * start[1]]), np.array([DX * end[0], -DY * end[1]])
-    bend = 0.0 if end[0] == start[0] + 1 else -AHEAD if end[0] > start[0] else -BACK
-    ax.annotate(
-        "",
-        xy=b,
-        xytext=a,
-        zorder=2,
-        arrowprops=dict(
-            arrowstyle="-|>", color="#7a8798", connectionstyle=f"arc3,rad={bend}", patchA=boxes[0], patchB=boxes[1]
-        ),
+def _draw_wire(ax: Axes, wire: Wire) -> None:
+    """A line along its corners, an arrow at its end, the label on its longest part."""
+    *before, last, end = wire.points
+    ax.plot(*zip(*before, last, end, strict=True), color=LINE, linewidth=1.0, zorder=2, solid_joinstyle="round")
+    ax.annotate("", xy=end, xytext=last, zorder=2, arrowprops=dict(arrowstyle="-|>", color=LINE, shrinkA=0, shrinkB=0))
+    label = wire.label.replace(", ", "\n") if len(wire.points) == 2 else wire.label
+    ax.text(
+        *wire.at,
+        label,
+        ha="center",
+        va="center",
+        fontsize=7,
+        color=INK,
+        zorder=5,
+        bbox=dict(facecolor="white", edgecolor="none", pad=0.8),
     )
-    normal = np.array([b[1] - a[1], a[0] - b[0]]) * bend
-    ax.text(*(0.5 * (a + b) + 0.5 * normal + [0.0, 0.06]), label, ha="center", fontsize=7, color="#41546b", zorder=5)
