@@ -62,6 +62,9 @@ def test_every_command_ends_so(monkeypatch, capsys, run):
         "hotice.commands.tables.all_tables",
         "hotice.commands.benchmark.check_memory",
         "hotice.commands.scene.check_writable",
+        "hotice.commands.picks.group.check_folder",
+        "hotice.commands.picks.group.check_writable",
+        "hotice.evaluate.pickups.evaluate_picks",
         "hotice.model.shipped.shipped_scenes",
         "hotice.model.shipped.resolve_scenes",
         "hotice.model.generate.families.generate_from_text",
@@ -84,6 +87,10 @@ def test_every_command_ends_so(monkeypatch, capsys, run):
         "warm": [],
         "benchmark": [],
         "tags": ["--box", "0.3", "0.3", "0.3", "--out", "x.pdf"],
+        "pickup plan": ["--out", "picks.npz"],
+        "pickup distill": ["--picks", "picks.npz"],
+        "pickup train": ["--picks", "picks.npz", "--init", run],
+        "pickup evaluate": ["--picks", "picks.npz"],
         "scene import": ["map.obj", *map_options],
         "scene import-front3d": ["--house", "house.json", "--models", "."],
         "scene show": ["open_floor", "--html", "x.html"],
@@ -93,8 +100,10 @@ def test_every_command_ends_so(monkeypatch, capsys, run):
         "scene generate": ["family:gap:1"],
     }
     from hotice.commands import scene
+    from hotice.commands.picks import group
 
     names = {*commands.COMMANDS, *(f"scene {name}" for name in scene.COMMANDS)}
+    names |= {f"pickup {name}" for name in group.COMMANDS}
     names -= {
         "scene",
         "pickup",
