@@ -99,15 +99,10 @@ def test_a_dragged_obstacle_bends_field_and_way_and_the_robot_arrives(page):
     assert "Touches0" in facts and "as the obstacles are" in facts
 
 
-def test_the_robot_is_pushed_by_a_drag_and_a_refusal_is_told(page):
+def test_a_refused_push_and_a_refused_object_are_told(page):
     push_button(page, "restart")
     pause(page, True)
-    torso = "window.hotice.show().geoms.find((mesh) => mesh.name.includes('torso')).position"
-    # seen from above it would be behind the panel
-    page.run("document.querySelector('[data-view=angle]').click()")
-    wait(page, f"{torso}.x < 0.3")
-    start = on_screen(page, page.run(f"{torso}.toArray()"))
-    page.drag(start, (start[0] + 60, start[1]))
+    page.run("document.getElementById('what').value = ''; document.querySelector('[data-go=away]').click()")
     wait(page, "document.getElementById('events').textContent.includes('time stands still')")
     page.run("document.getElementById('mass').value = 99; document.getElementById('take').click()")
     wait(page, "document.getElementById('told').textContent.includes('mass of the object is 99')")
