@@ -103,7 +103,7 @@ class LiveField:
             cost_s=time.process_time() - begin[1],
             joined=tuple(joins_start(scene, nodes.grid, reached) for reached in nodes.reached),
         )
-        folder = tempfile.mkdtemp(prefix="hotice-", dir=MEMORY if MEMORY.is_dir() else None)
+        folder = tempfile.mkdtemp(prefix=f"hotice-{os.getpid()}-", dir=MEMORY if MEMORY.is_dir() else None)
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         arguments = (theirs, folder, resolution_m, margins, threads)

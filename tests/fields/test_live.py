@@ -139,8 +139,9 @@ def test_a_scene_that_cannot_be_built_is_told_and_the_fields_stay(live, tmp_path
     assert live.behind_s == 0.0
 
 
-def files():
-    return {path for path in MEMORY.glob("hotice-*")} if MEMORY.is_dir() else set()
+def files(owner=None):
+    """Folders that live fields of a process have in memory; other tests run beside this one."""
+    return set(MEMORY.glob(f"hotice-{owner or os.getpid()}-*")) if MEMORY.is_dir() else set()
 
 
 def test_a_worker_that_ends_is_told_and_nothing_is_left():
@@ -234,20 +235,23 @@ def test_a_fork_leaves_worker_and_files_to_who_made_them(live):
 KILLED = """
 import os, signal
 from hotice.fields import LiveField
+from hotice.fields.live import MEMORY
 from hotice.model import Scene
 if __name__ == "__main__":
     live = LiveField(Scene("room"), resolution_m=0.1)
     live.show([])
     live.wait()
+    print(*MEMORY.glob(f"hotice-{os.getpid()}-*"), flush=True)
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
 def test_a_program_that_is_killed_leaves_nothing(tmp_path):
-    known = files()
     (tmp_path / "program.py").write_text(KILLED)
-    assert subprocess.run([sys.executable, tmp_path / "program.py"]).returncode == -signal.SIGKILL
+    program = subprocess.Popen([sys.executable, tmp_path / "program.py"], stdout=subprocess.PIPE, text=True)
+    told, _ = program.communicate()
+    assert program.returncode == -signal.SIGKILL and told.strip().startswith(str(MEMORY / f"hotice-{program.pid}-"))
     end = time.monotonic() + 30.0
-    while files() - known and time.monotonic() < end:
+    while files(program.pid) and time.monotonic() < end:
         time.sleep(0.05)
-    assert files() <= known
+    assert not files(program.pid)
