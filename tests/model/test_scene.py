@@ -191,7 +191,7 @@ def test_load_scenes(tmp_path):
 
 
 def test_unknown_name_lists_the_shipped_ones():
-    with pytest.raises(UnknownName, match="beam, bench20, gap, open_floor"):
+    with pytest.raises(UnknownName, match="beam, bench20, gap, moving20, open_floor"):
         load_scene("no_such_scene")
 
 
