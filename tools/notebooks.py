@@ -26,7 +26,7 @@ LONG_S = 1800
 MOST_LINES = 40
 """Of a text that is kept; of a longer one as many of its beginning."""
 KEY = "hotice"
-OWN = re.compile(r"/(?:tmp|home|root|work|Users)/\S+")
+OWN = re.compile(rf"/(?:tmp|home|root|Users)/\S+|{re.escape(str(ROOT))}")
 """Paths of a machine."""
 
 
