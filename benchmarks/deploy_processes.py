@@ -62,17 +62,17 @@ class Run:
 class Program:
     """A command of hotice in a process of its own, and its lines."""
 
-    def __init__(self, *arguments: object) -> None:
+    def __init__(self, *arguments: object, cwd: Path = ROOT) -> None:
         self.lines: list[str] = []
         self._came = threading.Condition()
         self.process = subprocess.Popen(
             [sys.executable, "-m", "hotice", *map(str, arguments)],
-            cwd=ROOT,
+            cwd=cwd,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+            env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
         )
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
@@ -85,6 +85,11 @@ class Program:
                 self._came.notify_all()
         with self._came:
             self._came.notify_all()
+
+    @property
+    def text(self) -> str:
+        """All lines so far."""
+        return "\n".join(self.lines)
 
     def hear(self, part: str) -> None:
         """Waits for a line with this part. Raises `HoticeError` where the program ends before."""

@@ -9,8 +9,6 @@ import re
 import shlex
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 import urllib.request
@@ -20,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.deploy_processes import Program
 from hotice.commands.deploy.config import DeployConfig, fitting_scene
 from hotice.commands.deploy.view import View, keys_on
 from hotice.console import PlainConsole
@@ -180,49 +179,6 @@ def page_commands(heading):
     return [shlex.split(line)[1:] for line in section.splitlines() if line.startswith("hotice ")]
 
 
-class Program:
-    """A command of hotice in a process of its own, its lines as they come."""
-
-    def __init__(self, *arguments, cwd=REPOSITORY):
-        self.lines, self._came = [], threading.Condition()
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "hotice", *map(str, arguments)],
-            cwd=cwd,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
-        )
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
-
-    def _read(self):
-        for line in self.process.stdout:
-            with self._came:
-                self.lines.append(line.rstrip())
-                self._came.notify_all()
-
-    @property
-    def text(self):
-        return "\n".join(self.lines)
-
-    def hear(self, part):
-        """Waits for a line with this part."""
-        with self._came:
-            heard = self._came.wait_for(lambda: any(part in line for line in self.lines), LONG_S)
-        assert heard, f"{part!r} never came:\n{self.text}"
-
-    def interrupt(self):
-        self.process.send_signal(signal.SIGINT)
-
-    def end(self):
-        """Its exit status."""
-        status = self.process.wait(LONG_S)
-        self._thread.join(LONG_S)
-        return status
-
-
 @pytest.fixture
 def programs():
     """Starts programs, and leaves none."""
@@ -300,7 +256,7 @@ def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path)
     deploy.hear("runner: warm")
     robot = programs(*second, *network, cwd=tmp_path)
     assert robot.end() == 0
-    deploy.interrupt()
+    deploy.process.send_signal(signal.SIGINT)
     assert deploy.end() == 0, deploy.text
     if load.busy and float(re.search(r"worst (\d+\.\d+) ms", robot.text)[1]) > STATE_MS:
         assert "state is" in deploy.text
@@ -336,9 +292,9 @@ def test_a_dry_run_sends_nothing_and_a_second_deployment_is_refused(programs):
     assert robot.end() == 0
     deploy.hear("posture: posture, asked by the operator")
     assert " 0 taken" in robot.text
-    deploy.interrupt()
+    deploy.process.send_signal(signal.SIGINT)
     time.sleep(0.5)
-    deploy.interrupt()
+    deploy.process.send_signal(signal.SIGINT)
     assert deploy.end() == 0
 
 
