@@ -63,6 +63,14 @@ def age_array(limits: AgeLimits) -> Array:
     return np.array([limits.state_s, limits.command_s, limits.pose_s, limits.box_s])
 
 
+def all_finite(vector) -> bool:
+    """Whether no number of a vector (n,) is infinite or none."""
+    for value in vector:
+        if not math.isfinite(value):
+            return False
+    return True
+
+
 def find_state(begun, now, quat, gyro, q, qd, lower, upper, limits):
     """Faults of what the robot measures of itself.
 

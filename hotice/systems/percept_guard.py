@@ -39,6 +39,7 @@ _FAULTS, _REFUSED, _NEAR = len(Fault), REFUSED, NEAR
 _AHEAD_S = 1e-6
 """Rounding of times."""
 _find_pose, _pass_gate = compiled(judge.find_pose), compiled(pass_gate)
+_finite = compiled(judge.all_finite)
 
 
 @compiled
@@ -73,14 +74,6 @@ def attitude_of(yaw, down_P, R_WP):
         R_WP[0, i] = c * rows[0][i] - s * rows[1][i]
         R_WP[1, i] = s * rows[0][i] + c * rows[1][i]
     R_WP[2, 0], R_WP[2, 1], R_WP[2, 2] = along, across, up
-
-
-@compiled
-def _finite(vector):
-    for value in vector:
-        if not math.isfinite(value):
-            return False
-    return True
 
 
 @compiled

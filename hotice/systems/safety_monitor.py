@@ -143,18 +143,11 @@ class SafePosture:
         )
 
 
+_finite = compiled(judge.all_finite)
 _find_state, _find_pose = compiled(judge.find_state), compiled(judge.find_pose)
 _lean_ahead, _find_falling = compiled(judge.lean_ahead), compiled(judge.find_falling)
 _find_command, _find_ages = compiled(judge.find_command), compiled(judge.find_ages)
 _remember, _decide, _stands_still = compiled(judge.remember), compiled(judge.decide), compiled(judge.stands_still)
-
-
-@compiled
-def _finite(vector):
-    for value in vector:
-        if not math.isfinite(value):
-            return False
-    return True
 
 
 @compiled
