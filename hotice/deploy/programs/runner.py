@@ -11,7 +11,7 @@ from typing import Any
 
 from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.guard.loop import Lateness, run_loop
-from hotice.deploy.guard.scheduling import RUNNER_PRIORITY
+from hotice.deploy.guard.scheduling import MAY_WAIT_FOR_DISK, RUNNER_PRIORITY, stay_in_memory
 from hotice.deploy.programs.logging import open_log, report
 from hotice.deploy.programs.options import RunnerOptions
 from hotice.deploy.programs.prepare import estimator_of, prepare
@@ -72,6 +72,8 @@ def main(options: RunnerOptions) -> None:
         after.append(logged.after)
         gc.collect()
         gc.freeze()
+        if not stay_in_memory():
+            say(text=MAY_WAIT_FOR_DISK)
         say(warm=True)
         lateness = Lateness()
 
