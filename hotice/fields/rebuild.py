@@ -30,7 +30,7 @@ class Rebuilder:
         self._searches: dict[float, Searches] = {}
 
     def solve(self, scene: Scene) -> SceneNodes:
-        """Node values of a scene. Raises `InvalidScene` for a mesh that cannot be used; then the next build is whole."""
+        """Node values of a scene. Raises `InvalidScene` for a mesh that cannot be used: the next build is whole."""
         grid, before, last = Grid.of(scene, self._resolution_m), self._space, self._obstacles
         changed = changed_obstacles(last, scene.obstacles) if scene.bounds_m == self._bounds_m else None
         # whatever ends this build early, nothing is built on what it has begun to overwrite

@@ -51,8 +51,8 @@ def solve_again(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Searches]:
     """What `solve_geodesic` gives, bit for bit, and the searches of paths to be given the next time.
 
-    `searches`: of the last time, for the same grid and margin; what they hold may be overwritten. `changed` (M, 6): boxes
-    of what has changed since, see `changes.py`.
+    `searches`: of the last time, for the same grid and margin; what they hold may be overwritten. `changed` (M, 6):
+    boxes of what has changed since, see `changes.py`.
     """
     goal, start = _entry(space, margin_m, goal_W)
     keeps = len(searches.first) > 0
