@@ -41,7 +41,7 @@ def main(options: RunnerOptions) -> None:
         made = prepare(options, lambda stage: say(stage=stage))
         slot = RunnerSlot(options.slot)
         stack.callback(slot.close)
-        say(stage="warming up")
+        say(stage="everything once, compiled where it is not yet")
         blind = estimator_of(made, poses, tags)
         # all is compiled before this process goes before others, and without the log
         RobotRunner(made.policy, made.pf, made.carry, blind, lambda: None, lambda targets: None, clock).warm()
