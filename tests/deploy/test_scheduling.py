@@ -11,7 +11,7 @@ print(stay_in_memory(), next(line.split()[1] for line in open("/proc/self/status
 """
 NOBODY = """
 import os, resource
-resource.setrlimit(resource.RLIMIT_MEMLOCK, (LIMIT, LIMIT))
+resource.setrlimit(resource.RLIMIT_MEMLOCK, (MOST, MOST))
 if os.geteuid() == 0:
     os.setuid(65534)
 """
@@ -34,5 +34,5 @@ def test_memory_is_kept_where_it_is_allowed_and_told_where_it_is_not():
 @pytest.mark.parametrize("kb", [0, 4096])
 def test_a_limit_is_told_and_not_run_into_later(kb):
     """An ordinary user's; imports come before it, since files may be another user's."""
-    limited = NOBODY.replace("LIMIT", str(1024 * kb))
+    limited = NOBODY.replace("MOST", str(1024 * kb))
     assert said(CODE.replace("print(", limited + "print(")) == (False, 0)
