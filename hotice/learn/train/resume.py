@@ -14,7 +14,7 @@ from hotice.learn import distributed
 from hotice.learn.checkpoints.average import averaged
 from hotice.learn.checkpoints.checkpoint import load_checkpoint, save_checkpoint
 from hotice.learn.checkpoints.health import check_weights, first_not_finite
-from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of, own_steps
+from hotice.learn.checkpoints.lineage import ANCESTORS, BRANCHES, MERGED, line_of, own_steps
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.learn.train.config import TrainConfig, config_to_dict
 from hotice.learn.train.fit import check_kind, kind_of, load_networks, same_version, widened
@@ -111,7 +111,7 @@ def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[st
         "perturbed": (meta["config"].get("perturbed", False), run.config.perturbed),
     }
     others = [name for name, (theirs, ours) in pairs.items() if theirs != ours]
-    average = MERGED in meta
+    average = MERGED in meta or BRANCHES in meta
     if not others and average:
         run.notice = f"{path}: is an average, which has no episodes under way: they start anew"
     elif others:

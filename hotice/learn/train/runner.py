@@ -63,6 +63,11 @@ class Runner(Run):
     """Runner of one training; checkpoints hold all that later updates depend on, so resuming is exact to the bit."""
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
+        if config.split.several:
+            raise InvalidConfig(
+                f"branches is {config.split.branches}: a Runner is one process, branches are run by "
+                "hotice.learn.branches.run.BranchedRun"
+            )
         goes_on = check_start(config)
         super().__init__(config, env)
         self._saved_at = time.monotonic()
