@@ -203,12 +203,13 @@ def _check_names(scenes: Sequence[str], policy: str | None = None) -> None:
 def _train(kind: Callable[[Any], Runner], config: TrainConfig) -> int:
     """Trains; first of all, whether the run can be written to its folder, and no other process does so."""
     from hotice.learn import distributed
+    from hotice.learn.branches.run import runner_of
 
     check_folder(config.out)
     if distributed.leads():  # the other ranks of this run would find it owned by the first
         check_unowned(config.out)
     with doing("preparing scenes, fields and objects"):
-        runner = kind(config)
+        runner = runner_of(kind, config)
     done = runner.train()
     if distributed.leads():
         _say_next(config)

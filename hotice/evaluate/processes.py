@@ -7,10 +7,8 @@ others).
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
-import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
@@ -22,6 +20,7 @@ from hotice.errors import SimulationError
 from hotice.evaluate.carriers import Carrier, load_carrier
 from hotice.evaluate.scorer import Scorer
 from hotice.evaluate.trials import Trials
+from hotice.learn.train.signals import without_ctrl_c
 from hotice.machine import usable_cores
 
 POLL_S = 0.5
@@ -45,7 +44,7 @@ def score_blocks(
     before = multiprocessing.active_children()
     pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(scorer, ended))
     try:
-        with _untold():
+        with without_ctrl_c():
             waiting = {pool.submit(_score, block): block for block in blocks}
         while waiting:
             finished, _ = wait(waiting, timeout=POLL_S, return_when=FIRST_COMPLETED)
@@ -64,19 +63,6 @@ def score_blocks(
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextlib.contextmanager
-def _untold() -> Iterator[None]:
-    """Processes started within the context never learn of Ctrl-C, which a terminal sends to all of them.
-
-    It reaches this process at the end of the context.
-    """
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _score_here(

@@ -29,7 +29,7 @@ SEED_STRIDE = 1_000_003
 
 def start(device: str) -> str:
     """Joins the other ranks if torchrun has started several; returns this rank's device ("cuda": its own GPU)."""
-    if int(os.environ.get("WORLD_SIZE", "1")) == 1 or not dist.is_available():
+    if wanted() == 1 or not dist.is_available():
         return device
     if device == "cuda":
         device = f"cuda:{os.environ['LOCAL_RANK']}"
@@ -46,6 +46,11 @@ def start(device: str) -> str:
 def leads() -> bool:
     """Whether this process is, or will be once it joins the others, the first rank."""
     return int(os.environ.get("RANK", "0")) == 0
+
+
+def wanted() -> int:
+    """Number of processes that torchrun has started, whether they have joined or not."""
+    return int(os.environ.get("WORLD_SIZE", "1"))
 
 
 def rank() -> int:

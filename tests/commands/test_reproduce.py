@@ -232,7 +232,7 @@ def test_a_training_that_was_interrupted_is_told_and_goes_on(tmp_path, scenes, t
     monkeypatch.setattr(module, "_check_presets", lambda given: None)
     monkeypatch.setattr(module, "_evaluate", lambda config, name, path, command: pytest.fail(f"{name} was evaluated"))
     config = quick(tmp_path, scenes, "table1", policies=tuple(given), updates=3)
-    monkeypatch.setattr(Runner, "_due", lambda self: False)
+    monkeypatch.setattr(Runner, "due", lambda self: False)
 
     def stopped_at_once(self):
         self.learn_once()

@@ -64,10 +64,12 @@ def evaluate(config: PickEvaluateConfig) -> int:
 
 
 def _train(kind: Callable[[Any], Runner], config: TrainConfig) -> int:
+    from hotice.learn.branches.run import runner_of
+
     check_folder(config.out)
     check_unowned(config.out)
     with doing("preparing picks"):
-        runner = kind(config)
+        runner = runner_of(kind, config)
     return 0 if runner.train() else STOPPED
 
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 ANCESTORS, MERGED = "ancestors", "merged"
+BRANCHES = "branches"
+"""Key of what averaged branches were, in a checkpoint of a run of several: a mean that training goes on from."""
 
 
 def line_of(meta: Mapping[str, Any]) -> dict[str, int]:

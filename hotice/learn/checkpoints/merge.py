@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from hotice.errors import CheckpointError, InvalidConfig, OutputError
@@ -25,7 +26,9 @@ from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
 from hotice.learn.distill.teachers import contract
 from hotice.owner import sole_owner
 
-LEFT_OUT = re.compile(r"(rank\d+\.)?(env\.|reached$|touched$|whole$)|optimizer\.")
+EPISODES = r"(rank\d+\.)?(env\.|reached$|touched$|whole$)"
+"""Names of episodes under way, which belong to no average."""
+LEFT_OUT = re.compile(EPISODES + r"|optimizer\.")
 """Names of what a merged checkpoint lacks: three quarters of its size."""
 SAME_CONFIG = ("preset", "hidden", "critic_hidden")
 
@@ -57,8 +60,7 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
     weights = [averaged(first), *(averaged(tensors) for tensors, _ in others)]
     merged = {name: tensor for name, tensor in first.items() if not LEFT_OUT.match(name)}
     for name in names:
-        mean = sum(w[name].double() for w in weights) / len(weights)
-        merged[name] = mean.to(first[name].dtype)
+        merged[name] = mean_of([w[name] for w in weights])
         if (kept := PREFIX + name.removeprefix("net.")) in first:
             merged[kept] = merged[name].clone()
     own = {k: v for k, v in meta.items() if k not in ("format", "sha256", "update")}
@@ -72,6 +74,14 @@ def merge(parts: Sequence[Path], out: Path) -> Path:
     with sole_owner(out):
         _check_free(out, meta["update"])
         return save_checkpoint(out, int(meta["update"]), merged, own)
+
+
+def mean_of(tensors: Sequence[Tensor]) -> Tensor:
+    """Mean of tensors of floats, taken in double precision; that of one is itself."""
+    total = torch.zeros_like(tensors[0], dtype=torch.float64)
+    for tensor in tensors:
+        total += tensor.double()
+    return (total / len(tensors)).to(tensors[0].dtype)
 
 
 def _read(folder: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -46,6 +46,8 @@ class DistillConfig(TrainConfig):
     task: TaskConfig = field(default_factory=student_task)
     """Task."""
 
+    CAN_BRANCH: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         super().__post_init__()
         self._read_names()

@@ -12,6 +12,7 @@ from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.files import make_folder, write_text
+from hotice.learn.branches.config import BranchConfig
 from hotice.learn.ppo.config import PpoConfig
 from hotice.sim.physics.protocol import BACKENDS
 from hotice.sim.starts import NEAREST_M
@@ -33,9 +34,9 @@ class TrainConfig:
     scenes: tuple[str, ...] = ("open_floor",)
     """Scene names, files, folders, or families as `family:NAME:COUNT`."""
     num_envs: int = 1024
-    """Parallel environments."""
+    """Parallel environments, of each branch where there are several."""
     updates: int = 1_000_000
-    """Stop after this many updates in all."""
+    """Stop after this many updates in all, of each branch where there are several."""
     max_minutes: float = 0.0
     """Stop after this many minutes of this call; 0: no limit."""
     resume: bool = False
@@ -58,7 +59,7 @@ class TrainConfig:
     seed: int = 0
     """Seed of every random draw."""
     checkpoint_minutes: float = 3.0
-    """Time between checkpoints."""
+    """Time between checkpoints; of several branches each writes its own, their average is written when it is taken."""
     checkpoint_updates: int = 0
     """Also checkpoint every so many updates; 0: no."""
     trials: int = 0
@@ -73,7 +74,8 @@ class TrainConfig:
     """Device of physics "warp" and of learning: a torch device; "auto": the GPU for "warp" where there is one, else the
     CPU."""
     threads: int = 0
-    """Threads of physics and torch; 0: all cores that this process may use."""
+    """Threads of physics and torch, of each branch where there are several; 0: all cores that this process may use,
+    which branches share out."""
     hidden: tuple[int, ...] = (256, 128)
     """Hidden layers of each actor."""
     critic_hidden: tuple[int, ...] = (256, 128)
@@ -84,6 +86,8 @@ class TrainConfig:
     """Decay of the moving average of the weights, which is evaluated and exported (ours); 0: no averaging."""
     ppo: PpoConfig = field(default_factory=PpoConfig)
     """Optimiser."""
+    split: BranchConfig = field(default_factory=BranchConfig)
+    """Branches."""
     perturbed: bool = False
     """Noise, delays, pushes and uncertain dynamics as for students (zero otherwise, or as given one by one)."""
     task: TaskConfig = field(default_factory=lambda: TaskConfig(anywhere=0.7, end_at_goal=False))
@@ -91,6 +95,8 @@ class TrainConfig:
 
     CAN_TRY: ClassVar[bool] = True
     """Whether `trials` may be asked for."""
+    CAN_BRANCH: ClassVar[bool] = True
+    """Whether `branches` may be asked for."""
     NEEDS_INIT: ClassVar[bool] = False
     """Whether a run of this kind begins from another one."""
 
@@ -107,6 +113,11 @@ class TrainConfig:
         if self.trials and not self.CAN_TRY:
             raise InvalidConfig(
                 f"trials is {self.trials}: pick-ups are scored by `hotice pickup evaluate`, leave it out"
+            )
+        if self.split.several and not self.CAN_BRANCH:
+            raise InvalidConfig(
+                f"branches is {self.split.branches}, or the step of averages is not plain: a distillation is one "
+                "process (or several ranks, by torchrun), leave it out"
             )
         if self.wandb is not None and not self.wandb.strip():
             raise InvalidConfig("wandb is empty: the name of a project is needed, or none")

@@ -63,6 +63,14 @@ def kind_of(meta: dict[str, Any]) -> str:
     return meta.get("learner", DualPpo.kind)
 
 
+def check_kind(path: Path, meta: dict[str, Any], kind: str) -> None:
+    """Raises `CheckpointError` where a run of another kind would go on from a checkpoint."""
+    if kind_of(meta) != kind:
+        raise CheckpointError(
+            f"{path}: was trained by {kind_of(meta)!r}, not {kind!r}: give another folder as out, or it as init"
+        )
+
+
 @contextlib.contextmanager
 def same_version(path: Path) -> Iterator[None]:
     """What a checkpoint of another version lacks, or has in another shape, becomes a `CheckpointError`."""

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
@@ -17,13 +18,14 @@ from torch.utils.tensorboard import SummaryWriter
 
 from hotice.console import PlainConsole
 from hotice.errors import OutputError
-from hotice.fields.bank import FieldBank
 from hotice.files import make_folder, output_file, write_bytes
 from hotice.learn.train.config import TrainConfig, config_to_dict
 from hotice.learn.train.trials import TrialResults
 from hotice.learn.train.wandb_sync import wandb_run
-from hotice.learn.train.ways_picture import ways_figure
 from hotice.progress import in_words, left
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SHOWN = (
     "reward",
@@ -99,13 +101,13 @@ class Progress:
             if self.sync is not None:
                 self.sync.finish(exit_code=int(kind is not None))
 
-    def trials(self, steps: int, results: TrialResults, bank: FieldBank) -> None:
-        """Shows and stores what trials gave after `steps` environment steps. Raises `OutputError`."""
+    def trials(self, steps: int, results: TrialResults, ways: Figure) -> None:
+        """Shows and stores what trials gave after `steps` environment steps, with a picture. Raises `OutputError`."""
         log = results.log()
         with self._writing():
             for key, value in log.items():
                 self.writer.add_scalar(key, value, steps)
-            self.writer.add_figure("trials/ways", ways_figure(results, bank), steps)
+            self.writer.add_figure("trials/ways", ways, steps)
             self.writer.flush()
         self.note(
             f"trials at {steps / 1e6:.2f} M steps: {log['trials/success']:.0%} of {len(results.outcome)}, "

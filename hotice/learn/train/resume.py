@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -14,12 +14,14 @@ from hotice.learn import distributed
 from hotice.learn.checkpoints.average import averaged
 from hotice.learn.checkpoints.checkpoint import load_checkpoint, save_checkpoint
 from hotice.learn.checkpoints.health import check_weights, first_not_finite
-from hotice.learn.checkpoints.lineage import ANCESTORS, MERGED, line_of, own_steps
+from hotice.learn.checkpoints.lineage import ANCESTORS, BRANCHES, MERGED, line_of, own_steps
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn
-from hotice.learn.train.config import config_to_dict
-from hotice.learn.train.fit import kind_of, load_networks, same_version, widened
+from hotice.learn.train.config import TrainConfig, config_to_dict
+from hotice.learn.train.fit import check_kind, kind_of, load_networks, same_version, widened
 from hotice.learn.train.run import Run
 from hotice.version import source_version
+
+Config = TypeVar("Config", bound=TrainConfig)
 
 
 def save_run(run: Run) -> None:
@@ -48,6 +50,7 @@ def save_run(run: Run) -> None:
         TRAINED_ON: run.trained_on.to_json(),
         "num_envs": run.env.num_envs,
         "ranks": distributed.size(),
+        **run.notes,
     }
     if distributed.rank() == 0:
         save_checkpoint(run.config.out, run.update, tensors, meta)
@@ -66,12 +69,8 @@ def load_run(run: Run, path: Path) -> None:
 
 
 def _restore(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
-    if kind_of(meta) != run.algo.kind:
-        raise CheckpointError(
-            f"{path}: was trained by {kind_of(meta)!r}, not {run.algo.kind!r}: give another folder as out, or it "
-            "as init"
-        )
-    _check_asked(run, path, meta)
+    check_kind(path, meta, run.algo.kind)
+    run.config = checked_options(run.config, path, meta)
     load_networks(run, path, tensors, meta)
     run.average.restart(run.net)
     run.average.load_state(tensors)
@@ -80,13 +79,13 @@ def _restore(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, A
     run.ancestors = dict(meta.get(ANCESTORS, {}))
     run.trained_on = TrainedOn.of_meta(meta, str(path)) | run.trained_on
     run.stages.load_state(tensors)
-    _keep_rates(run, tensors["curriculum"], meta["scenes"])
+    keep_rates(run, tensors["curriculum"], meta["scenes"])
     _restore_own(run, path, tensors, meta)
 
 
-def _check_asked(run: Run, path: Path, meta: dict[str, Any]) -> None:
-    """Raises `CheckpointError` for an option that a restored run cannot take on; its `init` stays what it was."""
-    theirs, ours = meta["config"], run.config
+def checked_options(ours: Config, path: Path, meta: dict[str, Any]) -> Config:
+    """Options of a run that is restored; its `init` is what it was. Raises `CheckpointError` for what cannot change."""
+    theirs = meta["config"]
     if meta.get("ranks", 1) == distributed.size() and MERGED not in meta and theirs["seed"] != ours.seed:
         raise CheckpointError(
             f"{path}: seed is {ours.seed}, but the run goes on with the draws of seed {theirs['seed']}: give --seed "
@@ -98,7 +97,7 @@ def _check_asked(run: Run, path: Path, meta: dict[str, Any]) -> None:
             f"{path}: init is {str(ours.init)!r}, but the run began from {began or 'nothing'}: leave out "
             "--init, or give another folder as --out"
         )
-    run.config = replace(ours, init=began or None)
+    return replace(ours, init=began or None)
 
 
 def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
@@ -112,7 +111,8 @@ def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[st
         "perturbed": (meta["config"].get("perturbed", False), run.config.perturbed),
     }
     others = [name for name, (theirs, ours) in pairs.items() if theirs != ours]
-    if not others and MERGED in meta:
+    average = MERGED in meta or BRANCHES in meta
+    if not others and average:
         run.notice = f"{path}: is an average, which has no episodes under way: they start anew"
     elif others:
         kept = sum(name in meta["scenes"] for name in run.env.bank.names)
@@ -125,7 +125,7 @@ def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[st
     prefix = f"rank{distributed.rank()}."
     tensors = tensors | {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
     run.algo.load_own_state(tensors)
-    if not others and MERGED not in meta:
+    if not others and not average:
         weight = None if run.config.curriculum else run.env.starter.scene_weight.clone()
         run.obs, run.critic_obs = run.env.load_state(
             {k.removeprefix("env."): v for k, v in tensors.items() if k.startswith("env.")}
@@ -138,7 +138,7 @@ def _restore_own(run: Run, path: Path, tensors: dict[str, Tensor], meta: dict[st
         run.stats.whole.copy_(tensors.get("whole", torch.ones_like(run.stats.whole)))
 
 
-def _keep_rates(run: Run, rates: Tensor, names: list[str]) -> None:
+def keep_rates(run: Run, rates: Tensor, names: list[str]) -> None:
     """Takes over the success rates of the scenes that this run has too; others begin as in a new run."""
     ours, theirs = run.env.bank.names, dict(zip(names, rates, strict=True))
     known = list(rates) if ours == names else [theirs.get(name) for name in ours]  # a scene may be there twice

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
 from hotice.learn import distributed
@@ -25,7 +27,7 @@ class Run:
 
     ancestors: environment steps by SHA-256 of the checkpoints that weights or labels come from. trained_on: scenes.
     update, steps, minutes: counters of updates, environment steps and time. notice: what a user should know of how the
-    run was resumed, or nothing.
+    run was resumed, or nothing. notes: what else its checkpoints say, JSON-ready.
     """
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
@@ -77,6 +79,7 @@ class Run:
         self.minutes = 0.0
         self.steps = 0
         self.notice = ""
+        self.notes: dict[str, Any] = {}
         self.obs, self.critic_obs = env.reset()
         self._spread()
         self.stats.whole.copy_(env.memory.step <= 0)

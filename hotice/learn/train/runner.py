@@ -21,22 +21,54 @@ from hotice.learn.train.signals import stop_on_signals
 from hotice.learn.train.statistics import by_family
 from hotice.learn.train.trials import Trials
 from hotice.learn.train.wandb_sync import check_wandb
+from hotice.learn.train.ways_picture import ways_figure
 from hotice.owner import sole_owner
 from hotice.sim.batch_env import Step
 from hotice.sim.env import TransportEnv
+
+
+def check_start(config: TrainConfig) -> bool:
+    """Whether a run goes on from a checkpoint of its own; what it begins from is read before anything is built.
+
+    Raises `MissingExtra`, `InvalidConfig` or `CheckpointError` for what is not there.
+    """
+    check_wandb(config)
+    goes_on = config.resume and bool(list_checkpoints(config.out))
+    if config.NEEDS_INIT and config.init is None and not goes_on:
+        raise InvalidConfig("no init: the checkpoint or run of a student is needed")
+    for path in config.begins_from():
+        if not (goes_on and path == config.init):
+            read_meta(resolve(path))
+    return goes_on
+
+
+def check_run_folder(config: TrainConfig, update: int) -> None:
+    """Raises `OutputError` where the folder holds another run, or a later state of this one than after `update`."""
+    out, there = config.out, list_checkpoints(config.out)
+    if not there:
+        return
+    if not (config.resume or update):
+        raise OutputError(
+            f"{out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another "
+            "folder as --out"
+        )
+    if config.resume and updates_of(there[-1]) > update:
+        raise OutputError(
+            f"{out}: {there[-1].name} was written there after this run began: run the same command again to go "
+            "on with it"
+        )
 
 
 class Runner(Run):
     """Runner of one training; checkpoints hold all that later updates depend on, so resuming is exact to the bit."""
 
     def __init__(self, config: TrainConfig, env: TransportEnv | None = None) -> None:
-        check_wandb(config)
-        goes_on = config.resume and bool(list_checkpoints(config.out))
-        if config.NEEDS_INIT and config.init is None and not goes_on:
-            raise InvalidConfig("no init: the checkpoint or run of a student is needed")
-        for path in config.begins_from():  # read before anything is built
-            if not (goes_on and path == config.init):
-                read_meta(resolve(path))
+        if config.split.several:
+            raise InvalidConfig(
+                f"branches is {config.split.branches}: a Runner is one process, branches are run by "
+                "hotice.learn.branches.run.BranchedRun"
+            )
+        goes_on = check_start(config)
         super().__init__(config, env)
         self._saved_at = time.monotonic()
         self._trials: Trials | None = None
@@ -52,26 +84,10 @@ class Runner(Run):
         Raises `OutputError` where the folder holds another run, whose checkpoints would outlive the new ones, or is
         another process's.
         """
-        self._check_folder()
+        check_run_folder(self.config, self.update)
         with sole_owner(self.config.out) if distributed.rank() == 0 else contextlib.nullcontext():
-            self._check_folder()
+            check_run_folder(self.config, self.update)
             return self._train()
-
-    def _check_folder(self) -> None:
-        """Raises `OutputError` where the folder holds another run, or a later state of this one."""
-        out, there = self.config.out, list_checkpoints(self.config.out)
-        if not there:
-            return
-        if not (self.config.resume or self.update):
-            raise OutputError(
-                f"{out}: holds {there[-1].name} of an earlier run: give --resume to go on with it, or another "
-                "folder as --out"
-            )
-        if self.config.resume and updates_of(there[-1]) > self.update:
-            raise OutputError(
-                f"{out}: {there[-1].name} was written there after this run began: run the same command again to go "
-                "on with it"
-            )
 
     def _train(self) -> bool:
         cfg = self.config
@@ -89,7 +105,7 @@ class Runner(Run):
                 log = self.learn_once()
                 self.minutes = minutes_before + (time.monotonic() - begin) / 60.0
                 late = cfg.max_minutes > 0 and self.minutes - minutes_before >= cfg.max_minutes
-                stopped, late, due = distributed.any_rank(signalled.is_set(), late, self._due())
+                stopped, late, due = distributed.any_rank(signalled.is_set(), late, self.due())
                 if progress:
                     progress.report(self.update, self.steps, self.minutes, log)
                     if self.algo.skipped > skipped:
@@ -112,7 +128,8 @@ class Runner(Run):
         self._tried = self.update
         if self._trials is None:
             self._trials = Trials(self.env, self.config)
-        progress.trials(self.steps, self._trials.run(self.net, self.average), self.env.bank)
+        results = self._trials.run(self.net, self.average)
+        progress.trials(self.steps, results, ways_figure(results, self.env.bank))
 
     def learn_once(self) -> dict[str, float]:
         """One rollout and one update; returns what is logged of them."""
@@ -202,7 +219,8 @@ class Runner(Run):
         self._saved_at = time.monotonic()
         save_run(self)
 
-    def _due(self) -> bool:
+    def due(self) -> bool:
+        """Whether a checkpoint is to be written by now, by time or number of updates."""
         every = self.config.checkpoint_updates
         late = time.monotonic() - self._saved_at > 60.0 * self.config.checkpoint_minutes
         return late or bool(every and self.update % every == 0)

@@ -1,4 +1,4 @@
-"""Signals that ask a program to save and end."""
+"""Signals that ask a program to save and end, and processes that never learn of them."""
 
 from __future__ import annotations
 
@@ -30,3 +30,16 @@ def stop_on_signals() -> Iterator[threading.Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def without_ctrl_c() -> Iterator[None]:
+    """Processes started within the context never learn of Ctrl-C, which a terminal sends to all of them.
+
+    It reaches this process at the end of the context.
+    """
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
