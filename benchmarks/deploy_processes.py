@@ -5,10 +5,10 @@
 
 The runner knows each scene as a FAST-LIO-like cloud of it alone, made by `hotice scene scan` and read by `hotice scene
 import`. Guard, runner and robot are three processes on one machine, in real time, so a busy machine fails where an
-idle one does not: the load is told. Each run hangs the robot up, moves it to the posture, hands it the box, lowers it
-and lets it carry (keys by the clock). Success: the guard says that the goal is reached within `CARRY_S` of the wish to
-carry, and until the end, `STAY_S` later or more, the robot has neither fallen nor dropped the box nor touched anything,
-as the simulated robot itself tells.
+idle one does not: the load is told, and the time that a virtual machine's host took from it (Linux). Each run hangs the
+robot up, moves it to the posture, hands it the box, lowers it and lets it carry (keys by the clock). Success: the guard
+says that the goal is reached within `CARRY_S` of the wish to carry, and until the end, `STAY_S` later or more, the
+robot has neither fallen nor dropped the box nor touched anything, as the simulated robot itself tells.
 """
 
 from __future__ import annotations
@@ -57,6 +57,8 @@ class Run:
     """Changes of the guard's mode and their reasons."""
     load: float
     """Of the machine at the end."""
+    stolen_s: float
+    """Time of cores that the host of a virtual machine took meanwhile [s]; 0 where that is not known."""
 
 
 class Program:
@@ -109,6 +111,15 @@ class Program:
         return status
 
 
+def stolen_s() -> float:
+    """Time of cores that the host has taken from this machine so far [s]; 0 where the system does not say it."""
+    try:
+        cores = Path("/proc/stat").read_text().splitlines()[0].split()
+    except OSError:
+        return 0.0
+    return int(cores[8]) / os.sysconf("SC_CLK_TCK")
+
+
 def ask(*arguments: object) -> None:
     """Runs a command to its end. Raises `HoticeError` where it fails."""
     program = Program(*arguments)
@@ -127,6 +138,7 @@ def mapped(name: str, folder: Path) -> tuple[Path, Path]:
 
 def run(name: str, cloud: Path, made: Path, seed: int, domain: int) -> Run:
     """One run, from the gantry to the goal."""
+    before_s = stolen_s()
     network = ["--domain", domain, "--pose-port", POSE_PORT, "--tags-port", POSE_PORT + 1]
     deploy = Program("deploy", "--robot", "sim", "--scene", made, "--map", cloud, *network)
     try:
@@ -149,7 +161,8 @@ def run(name: str, cloud: Path, made: Path, seed: int, domain: int) -> Run:
         )
         robot.end()
     finally:
-        deploy.end(signal.SIGINT)
+        # Ctrl-C would only brake where the guard has not noticed yet that the robot is gone
+        deploy.end(signal.SIGTERM)
     cells = [re.split(r"\s*[│┃|]\s*", line.strip("│┃| ")) for line in robot.lines if "│" in line]
     told = {cell[0]: cell[1] for cell in cells if len(cell) > 1}
     modes = tuple(line for line in deploy.lines if re.match(r"[a-z]+: ", line) and not line.startswith("runner"))
@@ -159,7 +172,15 @@ def run(name: str, cloud: Path, made: Path, seed: int, domain: int) -> Run:
         and told.get("touched") == "no obstacle"
         and "given to the robot" in told.get("object", "")
     )
-    return Run(scene=name, seed=seed, success=success, robot=told, guard=modes, load=os.getloadavg()[0])
+    return Run(
+        scene=name,
+        seed=seed,
+        success=success,
+        robot=told,
+        guard=modes,
+        load=os.getloadavg()[0],
+        stolen_s=stolen_s() - before_s,
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -181,7 +202,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     last = found[-1]
                     why = "success" if last.success else f"FAILED: {last.robot}; {'; '.join(last.guard)}"
                     console.print(
-                        f"{name} {seed}: {why} (load {last.load:.1f}, {time.monotonic() - began_s:.0f} s)",
+                        f"{name} {seed}: {why} (load {last.load:.1f}, {last.stolen_s:.2f} s stolen, "
+                        f"{time.monotonic() - began_s:.0f} s)",
                         soft_wrap=True,
                     )
                     if args.json:

@@ -1,12 +1,14 @@
 """What a Drake station costs beside plain MuJoCo, and how closely its two plants agree.
 
-    python -m benchmarks.station [--seconds 8] [--rounds 7] [--controllers] [--json out.json]
+    python -m benchmarks.station [--seconds 8] [--rounds 7] [--controllers] [--only-step] [--json out.json]
 
 Speed: the same policy, fields, servo and physics, once as a plain loop and once as a station, in turns in one process;
 CPU time of the process, medians over rounds, and whether the states at the end are equal bit for bit. `motor`: the
 motors' own servos, commands held for a control period as in training; `pd`: a servo commands torques every 2 ms.
-Plants: two seconds of standing with the box, largest distance between the pelvises. Controllers (`--controllers`):
-pick-up and walk, simulated seconds per second.
+Policy step: what percept, fields, observation and network take of one, each the tenth percentile of many calls, which
+other work on the machine hardly changes; `--only-step` measures nothing else. Plants: two seconds of standing with the
+box, largest distance between the pelvises. Controllers (`--controllers`): pick-up and walk, simulated seconds per
+second.
 """
 
 from __future__ import annotations
@@ -110,6 +112,29 @@ def speed(name: str, config: StationConfig, seconds: float, rounds: int) -> dict
     }
 
 
+def policy_step(calls: int = 6000) -> dict[str, float]:
+    """Time of the parts of a policy step [us], at the start of the default station."""
+    station = make_station(StationConfig())
+    task, carry, measure = station.task, station.carry, PerceptModel(station.carry.carried)
+    carrying, action, past = Carrying.of(carry), np.zeros(20), np.zeros(station.task.history * history.FRAME)
+    state = robot_state_of_mujoco(np.concatenate([station.start_qpos, np.zeros(32)]), carry.wrist_pos)
+    times = np.empty((calls, 5))
+    for row in times:
+        row[0] = time.perf_counter()
+        percept = measure(state[:43], state[43:])
+        row[1] = time.perf_counter()
+        reading = read_fields(station.pf, percept, task)
+        row[2] = time.perf_counter()
+        observation = observe(percept, reading, carrying, action, 0.3, task.scan, past)
+        row[3] = time.perf_counter()
+        station.policy.run(observation[None])
+        row[4] = time.perf_counter()
+    took = 1e6 * np.diff(times[calls // 10 :], axis=1)
+    parts = np.percentile(took, 10, axis=0).tolist()
+    whole = float(np.percentile(took.sum(axis=1), 10))
+    return {**dict(zip(("percept", "fields", "observation", "network"), parts, strict=True)), "whole": whole}
+
+
 def environment(seconds: float) -> float:
     """Speed of the training environment with one robot and the same policy."""
     import torch
@@ -179,9 +204,16 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=8.0, help="simulated in each run")
     parser.add_argument("--rounds", type=a_count, default=7)
     parser.add_argument("--controllers", action="store_true", help="also pick-up and walk")
+    parser.add_argument("--only-step", action="store_true", help="the time of a policy step's parts, nothing else")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     console = PlainConsole(width=None if PlainConsole().is_terminal else 120)
+    step = policy_step()
+    console.print("policy step: " + ", ".join(f"{part} {us:.1f} us" for part, us in step.items()))
+    if args.only_step:
+        if args.json is not None:
+            write_text(args.json, json.dumps({"policy_step_us": step}, indent=1) + "\n")
+        return
     runs = {
         "policy, motor": StationConfig(),
         "policy, motor, beam": StationConfig(scene="beam"),
@@ -189,7 +221,10 @@ def main() -> None:
         "policy, motor, 2 ms, elliptic": StationConfig(physics_dt_s=0.002, elliptic=True),
         "policy, pd": StationConfig(servo="pd"),
     }
-    report: dict[str, Any] = {"speed": [speed(name, c, args.seconds, args.rounds) for name, c in runs.items()]}
+    report: dict[str, Any] = {
+        "policy_step_us": step,
+        "speed": [speed(name, c, args.seconds, args.rounds) for name, c in runs.items()],
+    }
     table = Table(title=f"Plain MuJoCo and the station: {args.seconds:g} s, {args.rounds} rounds, CPU time")
     for column in ("station", "step", "plain", "station", "share", f"≥ {SPEED_BAR}", "bitwise"):
         table.add_column(column, justify="right")

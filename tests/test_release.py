@@ -4,6 +4,8 @@ import re
 import tomllib
 from pathlib import Path
 
+from safetensors import safe_open
+
 import hotice
 from tools.try_wheel import strays
 
@@ -14,6 +16,15 @@ def test_versions_agree():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     (cited,) = re.findall(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M)
     assert project["version"] == cited == hotice.__version__
+
+
+def test_a_clone_carries_one_checkpoint_to_go_on_from():
+    """Weights are in the history for ever: one set, without environments."""
+    (tensors,) = (ROOT / "checkpoints").rglob("*.safetensors")
+    assert tensors.stat().st_size <= 6_000_000 and tensors.relative_to(ROOT).parts[1] == "student"
+    with safe_open(tensors, "np") as file:
+        parts = {key.split(".")[0] for key in file.keys()}
+    assert {"net", "average"} <= parts and "env" not in parts
 
 
 def test_whatever_is_pinned_is_pinned_once():

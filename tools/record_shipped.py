@@ -1,9 +1,8 @@
 """Writes what `carry` and `teacher` were trained on, from the training ledger: `python -m tools.record_shipped`.
 
 They were trained before runs kept a record. `RUNS` repeats hotice/policies/LEDGER.md: the scenes of each run in the
-line, and what it began from or learnt from. The records go into `checkpoints/*/meta.json` and into the descriptions of
-the .onnx files, marked `ledger`; weights stay what they are. Scenes that the last run's own configuration names are
-marked `run`.
+line, and what it began from or learnt from. The records go into the descriptions of the .onnx files, marked `ledger`;
+weights stay what they are. Scenes that the last run's own configuration names are marked `run`.
 
 The generator gives the same scenes today as when they were trained on: the graded families (open, pipe, step, gap,
 pillars, table_edge, beam, hanging, combo) have not changed since the first run, nor have the others since the sets were
@@ -20,13 +19,8 @@ import onnx
 
 from hotice.errors import CheckpointError
 from hotice.files import write_bytes
-from hotice.learn.checkpoints.checkpoint import read_meta, resolve
 from hotice.learn.checkpoints.trained_on import TRAINED_ON, TrainedOn, in_words
-from hotice.learn.policy import policy_meta
 from hotice.policy.policy_file import KEY, POLICIES, content_hash, read_onnx_meta
-from tools.record_training import record
-
-CHECKPOINTS = Path(__file__).resolve().parent.parent / "checkpoints"
 
 
 def _scenes(*named: str, **families: int) -> tuple[str, ...]:
@@ -186,13 +180,8 @@ def main() -> None:
         trained_on, path = line(run), POLICIES / f"{name}.onnx"
         meta = {k: v for k, v in read_onnx_meta(path.read_bytes(), path).items() if k != "sha256"}
         trained_on |= TrainedOn.of_items(meta["trained"]["scenes"], "run")
-        if (CHECKPOINTS / name).is_dir():
-            folder = resolve(CHECKPOINTS / name)
-            record(folder, trained_on)
-            meta = policy_meta(read_meta(folder))
-        else:
-            meta |= {TRAINED_ON: trained_on.to_json()}
-            meta["trained"] |= {"on": trained_on.summary()}
+        meta |= {TRAINED_ON: trained_on.to_json()}
+        meta["trained"] |= {"on": trained_on.summary()}
         rewrite(path, meta)
         print(f"{name}: {len(json.dumps(meta[TRAINED_ON])) / 1000:.1f} kB, {in_words(trained_on.summary())}")
 

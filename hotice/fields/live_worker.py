@@ -22,7 +22,8 @@ import numpy as np
 from hotice.errors import HoticeError
 from hotice.fields.grid import Grid
 from hotice.fields.reachability import joins_start
-from hotice.fields.volumes import SceneNodes, solve_scene
+from hotice.fields.rebuild import Rebuilder
+from hotice.fields.volumes import SceneNodes
 from hotice.model.scene import Scene
 
 
@@ -69,13 +70,13 @@ def serve(pipe: Connection, folder: str, resolution_m: float, margins_m: tuple[f
     """
     # Ctrl-C is for whoever started this process; it ends it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    number = 0
+    number, rebuilder = 0, Rebuilder(resolution_m, margins_m, threads)
     try:
         while (scene := pipe.recv()) is not None:
             number += 1
             path = Path(folder) / f"{number}"
             try:
-                answer: Solved | Refused = _solve(scene, path, resolution_m, margins_m, threads)
+                answer: Solved | Refused = _solve(rebuilder, scene, path)
             except HoticeError as error:
                 answer = Refused(reason=str(error))
             except OSError as error:
@@ -86,9 +87,9 @@ def serve(pipe: Connection, folder: str, resolution_m: float, margins_m: tuple[f
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _solve(scene: Scene, path: Path, resolution_m: float, margins_m: tuple[float, ...], threads: int) -> Solved:
+def _solve(rebuilder: Rebuilder, scene: Scene, path: Path) -> Solved:
     begin = time.process_time()
-    nodes = solve_scene(scene, resolution_m, margins_m, threads)
+    nodes = rebuilder.solve(scene)
     with path.open("wb") as file:
         for values in (nodes.sdf, *(v for pair in zip(nodes.geo, nodes.reached, strict=True) for v in pair)):
             file.write(np.ascontiguousarray(values).data)

@@ -56,6 +56,11 @@ class Space(NamedTuple):
     @classmethod
     def of(cls, scene: Scene, grid: Grid, threads: int = 1) -> Space:
         """Fills the grid, in slabs by so many threads. Raises `InvalidScene` for a mesh that cannot be used."""
+        return cls.empty(scene, grid).filled(np.empty(grid.size), None, threads)
+
+    @classmethod
+    def empty(cls, scene: Scene, grid: Grid) -> Space:
+        """All but `sdf`. Raises `InvalidScene` for a mesh that cannot be used."""
         meshes = list({o.shape: None for o in scene.obstacles if isinstance(o.shape, MeshShape)})
         tree, roots = bvh.Tree.join([m.mesh().tree for m in meshes])
         root_of: dict[Any, int] = dict(zip(meshes, roots, strict=True))
@@ -65,14 +70,26 @@ class Space(NamedTuple):
         none, h = np.empty(0, dtype=np.int64), grid.resolution_m
         empty = cls(solid, tree.triangles, tree.nodes, none, none, np.empty(0), ox, oy, oz, h, nx, ny, nz)
         start, member = _block_members(empty)
-        full = empty._replace(start=start, member=member, sdf=np.empty(grid.size))
-        slabs = np.linspace(0, nx, threads + 1).astype(int).tolist()
+        return empty._replace(start=start, member=member)
+
+    def filled(self, sdf: NDArray[np.float64], stale: NDArray[np.bool_] | None, threads: int) -> Space:
+        """Fills `sdf` (size,) in the blocks `stale` (blocks,), None: in all; that of others is right already."""
+        stale = np.ones(len(self.start) - 1, np.bool_) if stale is None else stale
+        full = self._replace(sdf=sdf)
+        slabs = np.linspace(0, self.nx, threads + 1).astype(int).tolist()
         if threads > 1:
             with ThreadPoolExecutor(threads) as pool:
-                list(pool.map(lambda first, last: _fill(full, first, last), slabs[:-1], slabs[1:]))
+                list(pool.map(lambda first, last: _fill(full, stale, first, last), slabs[:-1], slabs[1:]))
         else:
-            _fill(full, 0, nx)
+            _fill(full, stale, 0, self.nx)
         return full
+
+    def blocks_near(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Blocks (blocks,) for which one of the chosen obstacles (n,) can be the nearest."""
+        block = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+        near = np.zeros(len(self.start) - 1, np.bool_)
+        near[block[chosen[self.member]]] = True
+        return near
 
 
 def _row(obstacle: Obstacle, root: int) -> list[float]:
@@ -181,8 +198,8 @@ def _block_members(space):
 
 
 @compiled(nogil=True, error_model="numpy")
-def _fill(space, first, last):
-    """Sets `space.sdf` of nodes first <= i < last."""
+def _fill(space, stale, first, last):
+    """Sets `space.sdf` of nodes first <= i < last, in the blocks `stale` (blocks,)."""
     solid, triangles, nodes, start, member = space.solid, space.triangles, space.nodes, space.start, space.member
     by, bz = _blocks(space.ny), _blocks(space.nz)
     sdf = space.sdf
@@ -190,8 +207,11 @@ def _fill(space, first, last):
     for i in range(first, last):
         for j in range(space.ny):
             for k in range(space.nz):
-                x, y, z = space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
                 block = ((i >> 2) * by + (j >> 2)) * bz + (k >> 2)
+                if not stale[block]:
+                    node += 1
+                    continue
+                x, y, z = space.ox + i * space.h, space.oy + j * space.h, space.oz + k * space.h
                 near = sdf[node - 1] if k > 0 else FAR_M
                 bound = _reach(near, space.h)
                 sdf[node] = _nearest(

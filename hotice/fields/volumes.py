@@ -7,8 +7,10 @@ error) and of 1 / 32767 (so the attractive force is wrong by less than 2e-5 m/s)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,7 @@ from hotice.fields.grid import Grid
 from hotice.fields.solids import Space
 from hotice.model.scene import Scene
 
+Geodesic: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64]]
 SLOPE_STEP = 1.0 / 32767
 NODE_BYTES = 4 + 2 * 8
 
@@ -78,11 +81,18 @@ def solve_scene(scene: Scene, resolution_m: float, margins_m: tuple[float, ...],
     """Distances and geodesics of one scene for each inflation margin; equal margins are solved once."""
     grid = Grid.of(scene, resolution_m)
     space = Space.of(scene, grid, threads)
+    return solve_space(space, grid, margins_m, lambda margin_m: solve_geodesic(space, margin_m, scene.goal_W), threads)
+
+
+def solve_space(
+    space: Space, grid: Grid, margins_m: tuple[float, ...], geodesic: Callable[[float], Geodesic], threads: int
+) -> SceneNodes:
+    """`solve_scene` of a filled space; `geodesic` of a margin: distance (size,) [m] and gradient (size, 3)."""
 
     def solve(margin_m: float) -> tuple[NDArray[np.int16], float, NDArray[np.bool_]]:
-        geodesic, slope = solve_geodesic(space, margin_m, scene.goal_W)
-        reached = np.isfinite(geodesic)
-        return *pack(*extend(geodesic, slope, grid)), reached
+        distance, slope = geodesic(margin_m)
+        reached = np.isfinite(distance)
+        return *pack(*extend(distance, slope, grid)), reached
 
     different = sorted(set(margins_m))
     if threads > 1:

@@ -5,14 +5,15 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hotice.deploy.slot.records import STATUS, TARGETS, TARGETS_AT
-from hotice.deploy.slot.sequence_lock import SequenceLocked
+from hotice.deploy.slot.double_buffer import TRIES, DoubleBuffer
+from hotice.deploy.slot.records import CHECKSUM, COUNTER, STATUS, TARGETS, TARGETS_AT
 from hotice.deploy.slot.slot import FOLDER, GuardSlot, RunnerSlot, SlotError, slot_path
 
 NAME = f"test-{os.getpid()}"
@@ -48,45 +49,97 @@ def test_both_ways(guard):
 
 
 def channel(number):
+    """A channel with records 1 .. number, the newest of them in half number & 1."""
     memory = mmap.mmap(-1, 4096)
-    locked = SequenceLocked(memory, TARGETS_AT)
-    locked.write(targets(number))
-    return memory, locked
+    buffer = DoubleBuffer(memory, TARGETS_AT)
+    for k in range(1, number + 1):
+        buffer.write(targets(k))
+    return memory, buffer
 
 
-@pytest.mark.parametrize("byte", [0, 8, 9, 16, 40, 16 + TARGETS.itemsize - 1])
+NEWEST = COUNTER + CHECKSUM + TARGETS.itemsize
+
+
+@pytest.mark.parametrize("byte", [0, NEWEST, NEWEST + 1, NEWEST + 8, NEWEST + 40, NEWEST + 8 + TARGETS.itemsize - 1])
 def test_any_changed_byte_is_torn(byte):
-    """Counter, checksum or record: a writer that stopped at any place."""
-    memory, locked = channel(1)
-    memory[TARGETS_AT.offset + byte] ^= 1
-    assert locked.read() is None and locked.torn == 1
-    locked.write(targets(2))
-    assert int(locked.read()["number"]) == 2
+    """Counter, checksum or record."""
+    memory, buffer = channel(1)
+    memory[TARGETS_AT.offset + byte] ^= 2
+    assert buffer.read() is None and buffer.torn == 1
+    buffer.write(targets(2))
+    assert int(buffer.read()["number"]) == 2
 
 
-def test_a_writer_that_died_in_the_middle_leaves_nothing_and_the_next_one_goes_on():
-    memory, locked = channel(1)
-    counter = int.from_bytes(memory[TARGETS_AT.offset : TARGETS_AT.offset + 8], "little")
-    memory[TARGETS_AT.offset : TARGETS_AT.offset + 8] = (counter + 1).to_bytes(8, "little")
-    assert locked.read() is None
-    locked.write(targets(9))
-    assert int(locked.read()["number"]) == 9
+@pytest.mark.parametrize("writes", [0, 1, 2])
+def test_beside_a_writer_that_writes_or_died_the_record_before_is_whole_and_the_next_one_goes_on(writes):
+    memory, buffer = channel(7)
+    written = DoubleBuffer(memory, TARGETS_AT)
+    left = [writes]
+
+    class Dying:
+        """Passes so many writes on."""
+
+        def __getitem__(self, place):
+            return written_bytes[place]
+
+        def __setitem__(self, place, data):
+            if left[0] == 0:
+                raise KeyboardInterrupt
+            left[0] -= 1
+            written_bytes[place] = data
+
+    written_bytes, written._bytes = written._bytes, Dying()
+    with pytest.raises(KeyboardInterrupt):
+        written.write(targets(8))
+    assert int(buffer.read()["number"]) == 7 and buffer.torn == 0
+    buffer.write(targets(9))
+    assert int(buffer.read()["number"]) == 9
 
 
-def test_a_record_that_changes_while_it_is_read_is_torn():
-    memory, locked = channel(1)
-    get = locked._get
+@pytest.mark.parametrize("quicker", [1, TRIES - 1, TRIES])
+def test_a_reader_beside_a_quicker_writer_takes_the_newest_or_nothing_but_never_a_mixture(quicker):
+    """Two writes during one look overwrite what is looked at."""
+    memory, buffer = channel(1)
+    writer, get, number = DoubleBuffer(memory, TARGETS_AT), buffer._get, [1]
 
     def during(place):
         value = get(place)
-        if place == 8:  # the checksum, which is read last before the counter again
-            locked._get = get
-            locked.write(targets(2))
+        if place and number[0] < 1 + 2 * quicker:
+            for _ in range(2):
+                number[0] += 1
+                writer.write(targets(number[0]))
         return value
 
-    locked._get = during
-    assert locked.read() is None and locked.torn == 1
-    assert int(locked.read()["number"]) == 2
+    buffer._get = during
+    read = buffer.read()
+    if quicker == TRIES:
+        assert read is None and buffer.torn == 1
+    else:
+        assert read.tobytes() == targets(number[0]).tobytes() and buffer.torn == 0
+
+
+def test_a_reader_in_step_with_the_writer_misses_nothing(guard):
+    """The guard writes all the time: no read of the runner finds the record in the making."""
+    runner, stop = RunnerSlot(NAME), threading.Event()
+
+    def write():
+        record = np.zeros((), STATUS)
+        while not stop.is_set():
+            record["stamp_s"] += 1
+            guard.tell(record)
+
+    guard.tell(np.zeros((), STATUS))
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        found = [runner.status() for _ in range(20_000)]
+    finally:
+        stop.set()
+        writer.join()
+    runner.close()
+    assert sum(read is None for read in found) == 0
+    stamps = np.array([float(read["stamp_s"]) for read in found])
+    assert (np.diff(stamps) >= 0).all() and len(set(stamps.tolist())) > 3
 
 
 def test_one_guard_and_one_runner(guard):

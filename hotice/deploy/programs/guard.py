@@ -21,7 +21,7 @@ from hotice.deploy.guard.keyboard import Keyboard
 from hotice.deploy.guard.loop import Lateness
 from hotice.deploy.guard.modes import Mode, Request
 from hotice.deploy.guard.process import run_guard
-from hotice.deploy.guard.scheduling import PRIORITY
+from hotice.deploy.guard.scheduling import MAY_WAIT_FOR_DISK, PRIORITY, stay_in_memory, take_precedence
 from hotice.deploy.link.publishers import check_sole_publisher
 from hotice.deploy.log.writer import LogWriter
 from hotice.deploy.programs.logging import open_log, report
@@ -66,6 +66,8 @@ class Operator:
 def main(options: GuardOptions) -> None:
     """Guards until a signal. Raises `HoticeError`."""
     clock, say, lateness = MonotonicClock(), Saying(), Lateness()
+    # threads have the precedence of who made them: those that receive states, too, must not wait for other programs
+    take_precedence()
     with contextlib.ExitStack() as stack:
         slot = GuardSlot(options.slot)
         stack.callback(slot.close)
@@ -87,6 +89,8 @@ def main(options: GuardOptions) -> None:
             operator.hear(event)
             link.event(event)
 
+        if not stay_in_memory():
+            say(text=MAY_WAIT_FOR_DISK)
         say(ready=True)
         run_guard(
             link,

@@ -11,7 +11,7 @@ from typing import Any
 
 from hotice.deploy.clock import MonotonicClock
 from hotice.deploy.guard.loop import Lateness, run_loop
-from hotice.deploy.guard.scheduling import RUNNER_PRIORITY
+from hotice.deploy.guard.scheduling import MAY_WAIT_FOR_DISK, RUNNER_PRIORITY, stay_in_memory
 from hotice.deploy.programs.logging import open_log, report
 from hotice.deploy.programs.options import RunnerOptions
 from hotice.deploy.programs.prepare import estimator_of, prepare
@@ -41,7 +41,7 @@ def main(options: RunnerOptions) -> None:
         made = prepare(options, lambda stage: say(stage=stage))
         slot = RunnerSlot(options.slot)
         stack.callback(slot.close)
-        say(stage="warming up")
+        say(stage="everything once, compiled where it is not yet")
         blind = estimator_of(made, poses, tags)
         # all is compiled before this process goes before others, and without the log
         RobotRunner(made.policy, made.pf, made.carry, blind, lambda: None, lambda targets: None, clock).warm()
@@ -72,6 +72,8 @@ def main(options: RunnerOptions) -> None:
         after.append(logged.after)
         gc.collect()
         gc.freeze()
+        if not stay_in_memory():
+            say(text=MAY_WAIT_FOR_DISK)
         say(warm=True)
         lateness = Lateness()
 

@@ -52,22 +52,28 @@ class Channel(NamedTuple):
     dtype: np.dtype
     offset: int
 
+    @property
+    def size(self) -> int:
+        """Bytes of its counter and of two records with their checksums."""
+        return COUNTER + 2 * (CHECKSUM + self.dtype.itemsize)
+
 
 HEADER = 64
 """Bytes before the first channel: the layout's mark."""
+COUNTER, CHECKSUM = 8, 8
+"""Bytes of a channel's counter and of a record's checksum, which stand before the records and before each."""
 _ALIGN = 64
-_LOCK = 16
-"""Bytes before a record: its counter and its checksum."""
 
 
 def _channels() -> tuple[Channel, Channel, int]:
-    offsets = [HEADER]
+    channels, end = [], HEADER
     for dtype in (TARGETS, STATUS):
-        end = offsets[-1] + _LOCK + dtype.itemsize
-        offsets.append(end + -end % _ALIGN)
-    return Channel(TARGETS, offsets[0]), Channel(STATUS, offsets[1]), offsets[2]
+        channels.append(Channel(dtype, end))
+        end += channels[-1].size
+        end += -end % _ALIGN
+    return channels[0], channels[1], end
 
 
 TARGETS_AT, STATUS_AT, SIZE = _channels()
-MARK = f"hotice-slot/1 {TARGETS.itemsize} {STATUS.itemsize}".encode()
+MARK = f"hotice-slot/2 {TARGETS.itemsize} {STATUS.itemsize}".encode()
 """First bytes of a slot's file: programs of another layout do not share one."""

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from hotice.deploy.slot.claims import GUARD, RUNNER, claim
+from hotice.deploy.slot.double_buffer import DoubleBuffer
 from hotice.deploy.slot.records import MARK, SIZE, STATUS_AT, TARGETS_AT
-from hotice.deploy.slot.sequence_lock import SequenceLocked
 from hotice.errors import HoticeError
 
 FOLDER = Path("/dev/shm")
@@ -38,8 +38,8 @@ class _Slot:
     def __init__(self, descriptor: int) -> None:
         self._descriptor: int | None = descriptor
         self._memory = mmap.mmap(descriptor, SIZE)
-        self._targets = SequenceLocked(self._memory, TARGETS_AT)
-        self._status = SequenceLocked(self._memory, STATUS_AT)
+        self._targets = DoubleBuffer(self._memory, TARGETS_AT)
+        self._status = DoubleBuffer(self._memory, STATUS_AT)
 
     def close(self) -> None:
         """Unmaps it and frees the claim; a second time does nothing."""

@@ -7,8 +7,8 @@ import os
 
 import numpy as np
 
+from hotice.deploy.slot.double_buffer import DoubleBuffer
 from hotice.deploy.slot.records import MARK, SIZE, STATUS_AT, TARGETS_AT
-from hotice.deploy.slot.sequence_lock import SequenceLocked
 from hotice.deploy.slot.slot import SlotError, slot_path
 
 
@@ -24,8 +24,8 @@ class SlotWatch:
                 self._memory = mmap.mmap(file.fileno(), SIZE, access=mmap.ACCESS_READ)
         except OSError as error:
             raise SlotError(f"there is no slot {name!r} to look at: {error.strerror}") from None
-        self._targets = SequenceLocked(self._memory, TARGETS_AT)
-        self._status = SequenceLocked(self._memory, STATUS_AT)
+        self._targets = DoubleBuffer(self._memory, TARGETS_AT)
+        self._status = DoubleBuffer(self._memory, STATUS_AT)
 
     def targets(self) -> np.ndarray | None:
         """The newest targets, a record (); None before the first and when torn."""

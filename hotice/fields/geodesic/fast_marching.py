@@ -19,14 +19,20 @@ from numpy.typing import NDArray
 
 from hotice.compiled import compiled
 from hotice.fields.geodesic.bends import WIDTH, distance, reach, source
+from hotice.fields.geodesic.memory import BOX, Searches, code_of, forget, mix, no_searches, recall
 from hotice.fields.geodesic.segments import blocker
 from hotice.fields.geodesic.shadows import FREE_M, see_goal
 from hotice.fields.geodesic.strings import join, pull
 from hotice.fields.solids import Space, distance_within
 
+_NOTHING = np.empty((0, 6))
 _SLACK_PER_M2 = 20.0
 """A path longer than the straight way to its bend by less than this times h^3 is not improved: what is lost at each of
 O(1/h) bends falls with h^2 in all."""
+
+
+_NEW, _NONE = -1, -2
+"""Instead of a side: the path bends somewhere new; there is no path."""
 
 
 def solve_geodesic(
@@ -37,10 +43,28 @@ def solve_geodesic(
     The gradient is of length 1, and 0 where the distance is infinite. A goal inside the inflated obstacles is entered
     from its nearest free node.
     """
+    return solve_again(space, margin_m, goal_W, no_searches(), _NOTHING)[:2]
+
+
+def solve_again(
+    space: Space, margin_m: float, goal_W: NDArray[np.float64], searches: Searches, changed: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Searches]:
+    """What `solve_geodesic` gives, bit for bit, and the searches of paths to be given the next time.
+
+    `searches`: of the last time, for the same grid and margin; what they hold may be overwritten. `changed` (M, 6):
+    boxes of what has changed since, see `changes.py`.
+    """
     goal, start = _entry(space, margin_m, goal_W)
+    keeps = len(searches.first) > 0
     if not math.isfinite(start):
-        return np.full(len(space.sdf), np.inf), np.zeros((len(space.sdf), 3))
-    return _march(space, margin_m, goal, start)
+        return np.full(len(space.sdf), np.inf), np.zeros((len(space.sdf), 3)), no_searches(keeps * len(space.sdf))
+    if keeps:
+        if searches.count[0] > len(searches.first):
+            searches = no_searches(len(searches.first))
+        if tuple(searches.goal) != goal:
+            searches = searches._replace(seen=no_searches().seen, goal=np.array(goal))
+        forget(searches, changed)
+    return _march(space, margin_m, goal, start, searches, changed)
 
 
 def _entry(space: Space, margin_m: float, goal_W: NDArray[np.float64]) -> tuple[tuple[float, float, float], float]:
@@ -59,16 +83,21 @@ def _entry(space: Space, margin_m: float, goal_W: NDArray[np.float64]) -> tuple[
 
 
 @compiled(nogil=True, error_model="numpy")
-def _march(space, margin, goal, start):
-    """`solve_geodesic` from a free point `goal` that lies `start` from the true one."""
+def _march(space, margin, goal, start, searches, changed):
+    """`solve_again` from a free point `goal` that lies `start` from the true one."""
     size = len(space.sdf)
     dist = np.full(size, np.inf)
-    rows = np.empty((1024, WIDTH))
+    rows, codes = np.empty((1024, WIDTH)), np.empty(1024, np.uint64)
     _set(rows, 0, source(goal, start))
+    codes[0] = code_of(rows.view(np.uint64), 0)
     used = 1
+    first, code, link, found, kept, seen, last = searches
+    keeps = len(first) > 0
+    box = np.empty(6)
     row_of = np.zeros(size, np.int32)
     # What sees the goal is final at once; only what is hidden from it has to be marched.
-    known = see_goal(space, margin, goal)
+    known = see_goal(space, margin, goal, seen, changed)
+    seen = known.copy() if keeps else known
     waiting = 0
     for node in range(size):
         if known[node]:
@@ -94,11 +123,33 @@ def _march(space, margin, goal, start):
         if not certain[node]:
             if used == len(rows):
                 rows = np.concatenate((rows, np.empty_like(rows)))
-            dist[node], row, new = _evaluate(space, margin, node, dist, rows, row_of, known)
-            if row < 0:
+                codes = np.concatenate((codes, np.empty_like(codes)))
+            at = -1
+            if keeps:
+                wanted = _beginning(space, margin, node, dist, codes, row_of, known)
+                at = recall(first, code, link, node, wanted)
+            if at >= 0:
+                value, side, new = found[at, 0], link[at, 1], _get(found[:, 1:], at)
+            else:
+                value, side, new = _evaluate(space, margin, node, dist, rows, row_of, known, box)
+                if keeps:
+                    n = kept[0]
+                    if n == len(code):
+                        code, link = np.concatenate((code, code)), np.concatenate((link, link))
+                        found = np.concatenate((found, found))
+                    code[n], link[n, 0], link[n, 1], found[n, 0], found[n, BOX:] = wanted, first[node], side, value, box
+                    _set(found[:, 1:], n, new)
+                    first[node] = n
+                    kept[0] += 1
+            row = 0
+            if side == _NEW:
                 _set(rows, used, new)
+                codes[used] = code_of(rows.view(np.uint64), used)
                 row = used
                 used += 1
+            elif side >= 0:
+                row = row_of[_neighbour(space, node, side)]
+            dist[node] = value
             row_of[node] = row
             certain[node] = True
             _sift_down(heap, slot, dist, count, node)
@@ -111,7 +162,7 @@ def _march(space, margin, goal, start):
         if dist[node] < np.inf:
             known[node] = True
             count = _spread(space, margin, node, dist, _get(rows, row_of[node]), certain, known, heap, slot, count)
-    return dist, _slopes(space, dist, rows, row_of)
+    return dist, _slopes(space, dist, rows, row_of), Searches(first, code, link, found, kept, seen, last)
 
 
 @compiled(nogil=True, error_model="numpy")
@@ -190,41 +241,62 @@ def _spread(space, margin, node, dist, row, certain, known, heap, slot, count):
 
 
 @compiled(nogil=True, error_model="numpy")
-def _evaluate(space, margin, node, dist, rows, row_of, known):
-    """(value, row, new): shortest path of `node` by way of its known neighbours; inf without any.
+def _beginning(space, margin, node, dist, codes, row_of, known):
+    """Code of all that `_evaluate` begins from, but obstacles."""
+    code, bits = np.uint64(1), dist.view(np.uint64)
+    for side in range(6):
+        other = _neighbour(space, node, side)
+        if other >= 0 and known[other]:
+            how = np.uint64(2 * side + 2 + _covered(space, margin, node, other))
+            code = mix(mix(mix(code, how), codes[row_of[other]]), bits[other])
+    return code
+
+
+@compiled(inline="always", error_model="numpy")
+def _covered(space, margin, node, other):
+    """Whether two free balls about neighbours are together as wide as the step."""
+    return space.sdf[node] + space.sdf[other] - 2.0 * margin >= space.h
+
+
+@compiled(nogil=True, error_model="numpy")
+def _evaluate(space, margin, node, dist, rows, row_of, known, box):
+    """(value, side, new): shortest path of `node` by way of its known neighbours; inf without any.
 
     In this order: by a neighbour's bend that `node` sees, by a string pulled past the wall that hides one, and by a
-    step from a neighbour where no string is found. The path bends as row `row` says or, where that is -1, as `new`.
+    step from a neighbour where no string is found. The path bends as that of the neighbour at `side` or, where that is
+    `_NEW`, as `new`; `_NONE`: there is no path. `box` (6,) becomes that of all points asked about, see `join`.
     """
     h = space.h
     slack = _SLACK_PER_M2 * h * h * h
     x = _position(space, node)
+    for i in range(3):
+        box[i], box[3 + i] = x[i] - h, x[i] + h
     near, hidden, hider = np.full(6, np.inf), np.full(6, np.inf), np.full(6, -1)
     for side in range(6):
         other = _neighbour(space, node, side)
         if other >= 0 and known[other]:
             near[side], _ = reach(_get(rows, row_of[other]), x)
     best, step = np.inf, np.inf
-    chosen, new = 0, _get(rows, 0)
+    chosen, new = _NONE, _get(rows, 0)
     # The most promising first; a path over a bend is never shorter than the value in `near`.
     while near.min() < min(best, step) - slack:
         side = near.argmin()
         other = _neighbour(space, node, side)
         hidden[side] = near[side]
         near[side] = np.inf
-        value, hider[side] = join(space, margin, _get(rows, row_of[other]), x, best)
+        value, hider[side] = join(space, margin, _get(rows, row_of[other]), x, best, box)
         if value < np.inf:
             best = value
-            chosen = row_of[other]
+            chosen = side
             hidden[side] = np.inf
             continue
         y = _position(space, other)
         # Two free balls that together are as wide as the step cover it: no need to ask for a blocker.
-        if space.sdf[node] + space.sdf[other] - 2.0 * margin < h and blocker(space, margin, y, x) >= 0:
+        if not _covered(space, margin, node, other) and blocker(space, margin, y, x) >= 0:
             hidden[side] = np.inf
         elif dist[other] + h < min(best, step):
             step = dist[other] + h
-            chosen, new = -1, source(y, dist[other])
+            chosen, new = _NEW, source(y, dist[other])
     tried = False
     # Strings are costly: one is pulled, and more only as long as no path over a bend is known.
     while hidden.min() < best - slack and not (tried and best < np.inf):
@@ -233,10 +305,10 @@ def _evaluate(space, margin, node, dist, rows, row_of, known):
         hidden[side] = np.inf
         tried = True
         row = _get(rows, row_of[other])
-        value, row = pull(space, margin, row, _position(space, other), x, hider[side], min(best, step))
+        value, row = pull(space, margin, row, _position(space, other), x, hider[side], min(best, step), box)
         if value < best:
             best = value
-            chosen, new = -1, row
+            chosen, new = _NEW, row
     return min(best, step), chosen, new
 
 

@@ -37,7 +37,7 @@ _CUTS = 40
 
 
 @compiled(inline="always", error_model="numpy")
-def _overlap(low, high, start, way, least, most):
+def overlap(low, high, start, way, least, most):
     """Part low .. high of a segment narrowed to where start + f way lies between least and most."""
     if abs(way) < 1e-12:
         return (low, high) if least <= start <= most else (1.0, 0.0)
@@ -53,9 +53,9 @@ def passes_box(solid, nodes, n, a, b, reach):
     kind = solid[n, 0]
     if kind == MESH:
         root = int(solid[n, 20])
-        low, high = _overlap(0.0, 1.0, ax, ux, nodes[root, 0] - reach, nodes[root, 3] + reach)
-        low, high = _overlap(low, high, ay, uy, nodes[root, 1] - reach, nodes[root, 4] + reach)
-        low, high = _overlap(low, high, az, uz, nodes[root, 2] - reach, nodes[root, 5] + reach)
+        low, high = overlap(0.0, 1.0, ax, ux, nodes[root, 0] - reach, nodes[root, 3] + reach)
+        low, high = overlap(low, high, ay, uy, nodes[root, 1] - reach, nodes[root, 4] + reach)
+        low, high = overlap(low, high, az, uz, nodes[root, 2] - reach, nodes[root, 5] + reach)
         return low <= high
     # Half extents. Cylinders and capsules hold a radius and a half length instead, with z as their axis.
     ex, ey, ez = solid[n, 1], solid[n, 2], solid[n, 3]
@@ -63,13 +63,13 @@ def passes_box(solid, nodes, n, a, b, reach):
         ey, ez = solid[n, 1], solid[n, 2]
     elif kind == CAPSULE:
         ey, ez = solid[n, 1], solid[n, 2] + solid[n, 1]
-    low, high = _overlap(0.0, 1.0, ax, ux, -ex - reach, ex + reach)
+    low, high = overlap(0.0, 1.0, ax, ux, -ex - reach, ex + reach)
     if low > high:
         return False
-    low, high = _overlap(low, high, ay, uy, -ey - reach, ey + reach)
+    low, high = overlap(low, high, ay, uy, -ey - reach, ey + reach)
     if low > high:
         return False
-    low, high = _overlap(low, high, az, uz, -ez - reach, ez + reach)
+    low, high = overlap(low, high, az, uz, -ez - reach, ez + reach)
     return low <= high
 
 

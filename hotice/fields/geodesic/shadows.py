@@ -8,7 +8,7 @@ import numpy as np
 
 from hotice.compiled import compiled
 from hotice.fields.geodesic.mesh_segments import stays_off
-from hotice.fields.geodesic.segments import DEPTH_PER_M, blocker, convex_clearance, depth_of, passes_box
+from hotice.fields.geodesic.segments import DEPTH_PER_M, blocker, convex_clearance, depth_of, overlap, passes_box
 from hotice.fields.solids import MESH
 
 FREE_M = 1e-6
@@ -17,12 +17,19 @@ _BLOCK = 8
 
 
 @compiled(nogil=True, error_model="numpy")
-def see_goal(space, margin, goal):
-    """Whether each node is free and sees the goal, (size,)."""
+def see_goal(space, margin, goal, before, changed):
+    """Whether each node is free and sees the goal, (size,).
+
+    `before`: what it was when obstacles in the boxes `changed` (M, 6) were others; of no nodes: not known.
+    """
     nx, ny, nz, h = space.nx, space.ny, space.nz, space.h
-    seen = np.zeros(len(space.sdf), np.bool_)
+    seen = before.copy() if len(before) else np.zeros(len(space.sdf), np.bool_)
     stack = [
-        (i, j, k, _BLOCK) for i in range(0, nx, _BLOCK) for j in range(0, ny, _BLOCK) for k in range(0, nz, _BLOCK)
+        (i, j, k, _BLOCK)
+        for i in range(0, nx, _BLOCK)
+        for j in range(0, ny, _BLOCK)
+        for k in range(0, nz, _BLOCK)
+        if len(before) == 0 or _may_change(space, goal, i, j, k, changed)
     ]
     while len(stack):
         i, j, k, width = stack.pop()
@@ -30,21 +37,37 @@ def see_goal(space, margin, goal):
             continue
         if width == 1:
             node = (i * ny + j) * nz + k
-            if space.sdf[node] - margin > FREE_M:
-                p = (space.ox + i * h, space.oy + j * h, space.oz + k * h)
-                seen[node] = blocker(space, margin, goal, p) < 0
+            p = (space.ox + i * h, space.oy + j * h, space.oz + k * h)
+            seen[node] = space.sdf[node] - margin > FREE_M and blocker(space, margin, goal, p) < 0
             continue
         verdict = _beam(space, margin, goal, i, j, k, width)
-        if verdict > 0:
+        if verdict != 0:
             for a in range(i, min(i + width, nx)):
                 for b in range(j, min(j + width, ny)):
-                    seen[(a * ny + b) * nz + k : (a * ny + b) * nz + min(k + width, nz)] = True
-        elif verdict == 0:
+                    seen[(a * ny + b) * nz + k : (a * ny + b) * nz + min(k + width, nz)] = verdict > 0
+        else:
             # Along shadow lines blocks are halved, down to single nodes.
             half = width // 2
             for part in range(8):
                 stack.append((i + half * (part >> 2), j + half * (part >> 1 & 1), k + half * (part & 1), half))
     return seen
+
+
+@compiled(nogil=True, error_model="numpy")
+def _may_change(space, goal, i, j, k, changed):
+    """Whether the ways from the goal to the nodes of a block of the largest width may meet one of the boxes."""
+    half = 0.5 * (_BLOCK - 1)
+    for m in range(len(changed)):
+        low, high = 0.0, 1.0
+        for axis in range(3):
+            first, number = (space.ox, i) if axis == 0 else (space.oy, j) if axis == 1 else (space.oz, k)
+            way = first + (number + half) * space.h - goal[axis]
+            # the way to a node stays within half a block of that to the centre, along each axis
+            least, most = changed[m, axis] - half * space.h, changed[m, 3 + axis] + half * space.h
+            low, high = overlap(low, high, goal[axis], way, least, most)
+        if low <= high:
+            return True
+    return False
 
 
 @compiled(nogil=True, error_model="numpy")

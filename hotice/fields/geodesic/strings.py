@@ -6,6 +6,7 @@ import math
 
 from hotice.compiled import compiled
 from hotice.fields.geodesic.bends import extend, moved, on_edge, reach, source
+from hotice.fields.geodesic.memory import touch
 from hotice.fields.geodesic.segments import blocker, convex_clearance, depth_of, lowest_point
 from hotice.fields.solids import MESH
 
@@ -53,14 +54,16 @@ def graze(space, margin, a, y, x, n):
 
 
 @compiled(nogil=True, error_model="numpy")
-def join(space, margin, row, x, best):
+def join(space, margin, row, x, best, box):
     """(value, obstacle) of the path over the bend of `row` straight to x.
 
-    The value is inf when an obstacle hides the bend, when the edge ends (`OFF_EDGE`), or when `best` is shorter.
+    The value is inf when an obstacle hides the bend, when the edge ends (`OFF_EDGE`), or when `best` is shorter. `box`
+    (6,) is widened to hold all points that obstacles are asked about, but for the last few millimetres.
     """
     value, b = reach(row, x)
     if value >= best:
         return math.inf, -1
+    touch(box, b[0], b[1], b[2])
     if not on_edge(space, margin, row, b):
         return math.inf, OFF_EDGE
     n = blocker(space, margin, b, x)
@@ -68,15 +71,17 @@ def join(space, margin, row, x, best):
 
 
 @compiled(nogil=True, error_model="numpy")
-def pull(space, margin, row, y, x, n, best):
+def pull(space, margin, row, y, x, n, best, box):
     """(value, row) of the string over the bend of `row`, which y sees, past further bends near y-x to x.
 
-    n: what `join` says of row and x. The value is inf when none shorter than `best` is found.
+    n: what `join` says of row and x. The value is inf when none shorter than `best` is found. `box`: see `join`; it
+    holds x and y.
     """
     # The string starts from where the bend lies for y, which sees it.
     row = moved(row, reach(row, y)[1])
     for _ in range(_MAX_BENDS):
         a = (row[0], row[1], row[2])
+        touch(box, a[0], a[1], a[2])
         if n == OFF_EDGE:
             n = blocker(space, margin, a, x)
             # Nothing is in the way beyond the end of the edge: the path turns at its last place as about a point.
@@ -87,8 +92,11 @@ def pull(space, margin, row, y, x, n, best):
         found, b = graze(space, margin, a, y, x, n)
         if not found:
             break
+        touch(box, b[0], b[1], b[2])
+        last = reach(row, b)[1]
+        touch(box, last[0], last[1], last[2])
         row = extend(space, margin, row, b, x)
-        value, n = join(space, margin, row, x, best)
+        value, n = join(space, margin, row, x, best, box)
         if value < math.inf or n == -1:
             return value, row
     return math.inf, row

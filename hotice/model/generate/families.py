@@ -2,8 +2,8 @@
 
 Sizes that decide the difficulty follow from the difficulty alone; where things stand is drawn from a generator seeded
 with (seed, family, index). Proportions fit a G1 (1.32 m tall, shoulders 0.45 m wide) with a box of up to 0.4 m ahead of
-it. Scenes of `typical` and `random` are kept only when a robot with its load gets through; a draw that fails is
-reported and drawn again.
+it. Scenes of `typical` and `random` are kept only when a robot with its load gets through, those of `moving` when it
+gets through in time; a draw that fails is reported and drawn again.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidScene, UnknownName
 from hotice.model.generate.graded import SINGLE, combo, open_floor, pillars
+from hotice.model.generate.moving_set import KINDS, SPEEDS_M_S, draw_passable
 from hotice.model.generate.pieces import Obstacles
 from hotice.model.generate.random_clutter import random_clutter
 from hotice.model.generate.traversable import check_traversable
@@ -30,10 +31,14 @@ MAX_DRAWS = 200
 GRADED = ("open", "pipe", "step", "gap", "pillars", "table_edge", "beam", "hanging", "combo")
 """Not checked: their geometry is fixed for good."""
 CHECKED = {**TYPICAL, "random": random_clutter}
-MIXTURES = {"mixed": GRADED, "typical": tuple(TYPICAL), "all": (*GRADED, *CHECKED, "indoor")}
-"""Names that deal out other families in turn."""
-FAMILIES = (*GRADED, "mixed", *CHECKED, "indoor", "typical", "all")
+MOVING = tuple(KINDS)
+"""Something moves in them, the faster the harder."""
+MIXTURES = {"mixed": GRADED, "typical": tuple(TYPICAL), "all": (*GRADED, *CHECKED, "indoor"), "moving": MOVING}
+"""Names that deal out other families in turn; `all`: everything that stands still."""
+FAMILIES = (*GRADED, "mixed", *CHECKED, "indoor", "typical", "all", *MOVING, "moving")
 LARGEST_M = (0.2, 0.2, 0.2)
+_SPEEDS_M_S = (SPEEDS_M_S[0], SPEEDS_M_S[-1])
+"""Of what moves, at difficulties 0 and 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +134,9 @@ def _scene(name: str, index: int, difficulty: float, seed: int) -> tuple[Scene, 
     stream = (seed, zlib.crc32(name.encode()), index)
     if name in CHECKED:
         return draw_scene(name, title, difficulty, stream)
+    if name in MOVING:
+        scene, reasons = draw_passable(name, title, float(np.interp(difficulty, (0.0, 1.0), _SPEEDS_M_S)), stream)
+        return scene, [Rejected(scene=title, draw=i, reason=reason) for i, reason in enumerate(reasons)]
     rng = np.random.default_rng(stream)
     if name == "open":
         return open_floor(title, difficulty, rng), []

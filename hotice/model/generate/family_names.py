@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-from hotice.model.generate.families import CHECKED, GRADED
+from hotice.model.generate.families import CHECKED, GRADED, MOVING
 
-KINDS = (*GRADED, *CHECKED, "indoor")
+KINDS = (*GRADED, *CHECKED, "indoor", *MOVING)
 """Families that are no mixture of others."""
 SINGLE = {"open_floor": "open", **{name: name for name in ("beam", "gap", "pillars", "pipe", "table_edge")}}
 """Families of the single scenes that come with hotice."""

@@ -139,23 +139,33 @@ ENTRIES = tuple((kind, speed) for kind in KINDS for speed in SPEEDS_M_S)
 def draw_moving(index: int) -> Scene:
     """Scene `index` of `moving20`. Raises `InvalidScene` where no draw serves."""
     kind, speed = ENTRIES[index]
-    title = f"{NAME}/{index + 1:02d}_{kind}"
-    why = ""
+    return draw_passable(kind, f"{NAME}/{index + 1:02d}_{kind}", speed, (zlib.crc32(NAME.encode()), index))[0]
+
+
+def draw_passable(kind: str, title: str, speed_m_s: float, stream: tuple[int, ...]) -> tuple[Scene, list[str]]:
+    """A scene of this kind with things that move at `speed_m_s`, and why earlier draws were not kept.
+
+    Draw n takes its numbers from `stream` and n.
+
+    Raises:
+        InvalidScene: none of 500 draws serves.
+    """
+    rejected: list[str] = []
     for draw in range(MAX_DRAWS):
-        rng = np.random.default_rng([zlib.crc32(NAME.encode()), index, draw])
+        rng = np.random.default_rng([*stream, draw])
         try:
-            scene = Scene(title, BOUNDS_M, obstacles=tuple(KINDS[kind](speed, rng)))
+            scene = Scene(title, BOUNDS_M, obstacles=tuple(KINDS[kind](speed_m_s, rng)))
         except InvalidScene as error:
-            why = str(error)
+            rejected.append(str(error))
             continue
         if not heedless_is_hit(scene):
-            why = "nothing comes in the way"
+            rejected.append("nothing comes in the way")
             continue
         passing = check_passing(scene)
         if passing.ok:
-            return scene
-        why = passing.reason
-    raise InvalidScene(f"scene {title!r}: none of {MAX_DRAWS} draws serves; the last: {why}")
+            return scene, rejected
+        rejected.append(passing.reason)
+    raise InvalidScene(f"scene {title!r}: none of {MAX_DRAWS} draws serves; the last: {rejected[-1]}")
 
 
 def heedless_is_hit(scene: Scene) -> bool:

@@ -127,6 +127,6 @@ def test_bad_text(text):
 
 def test_unknown_family():
     for text in ("", "tunnel:3", "tun\nnel"):
-        with pytest.raises(UnknownName, match="known are all, beam, beam_across, combination") as caught:
+        with pytest.raises(UnknownName, match="known are all, beam, beam_across, closing_gap") as caught:
             family_from_text(text)
         assert "\n" not in str(caught.value) and isinstance(caught.value, HoticeError)

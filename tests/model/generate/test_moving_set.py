@@ -2,9 +2,12 @@
 
 import hashlib
 
+import numpy as np
 import pytest
 
 from hotice.model import load_scene, load_scenes
+from hotice.model.generate.families import MOVING, generate
+from hotice.model.generate.family_names import family_of
 from hotice.model.generate.moving_set import BOUNDS_M, ENTRIES, NAME, SPEEDS_M_S, draw_moving, heedless_is_hit
 from hotice.model.generate.passing import UNTIL_S, check_passing
 from hotice.model.shipped import SHIPPED, shipped_sets
@@ -45,3 +48,16 @@ def test_every_scene_can_be_passed_in_time(index):
 @pytest.mark.parametrize("index", [1, 14])
 def test_a_scene_is_drawn_again_as_it_is(index):
     assert draw_moving(index) == load_scene(shipped_sets()[NAME][index])
+
+
+def test_families_of_moving_scenes_are_graded_by_speed_and_none_is_of_the_set():
+    made = generate("moving", 10, seed=3)
+    assert [s.name for s in made.scenes] == [f"{kind}_s3_{i:02d}" for i in (0, 1) for kind in MOVING]
+    assert [family_of(s.name) for s in made.scenes] == [*MOVING, *MOVING]
+    speeds = [max(o.motion.top_speed_m_s for o in s.moving) for s in made.scenes if "door" not in s.name]
+    np.testing.assert_allclose(speeds, [0.2] * 4 + [1.2] * 4)
+    assert all(heedless_is_hit(s) and check_passing(s).ok for s in made.scenes[:3])
+    assert {r.reason for r in made.rejected} and all(r.scene in {s.name for s in made.scenes} for r in made.rejected)
+    shipped = {load_scene(name).obstacles for name in shipped_sets()[NAME]}
+    assert not shipped & {s.obstacles for s in made.scenes}
+    assert made.scenes == generate("moving", 10, seed=3).scenes != generate("moving", 10, seed=4).scenes
