@@ -165,7 +165,7 @@ def interrupt_after(path, rows):
 
 
 def test_what_was_limited_interrupted_and_resumed_is_what_was_not(split, tmp_path):
-    """Two updates, then as many as come before Ctrl-C, then the rest, of rounds of four, the last of which is not whole."""
+    """Two updates, those before Ctrl-C, then the rest, of rounds of four, the last of which is not whole."""
     whole = split(tmp_path / "whole", every=4, updates=7, momentum=0.6)
     assert BranchedRun(Runner, whole).train()
     out = tmp_path / "parts"
