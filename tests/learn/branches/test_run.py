@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+from pathlib import Path
 
 import pytest
 import torch
@@ -27,6 +28,7 @@ from hotice.learn.train.runner import Runner
 from tests.learn.branches import kinds
 
 pytestmark = pytest.mark.slow
+BOOK = Path(__file__).parents[2] / "sim" / "data" / "picks.npz"
 EACH = 64
 """Environment steps of an update of `tiny`."""
 
@@ -34,7 +36,7 @@ EACH = 64
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Processes that start fast: forked from one that has imported what they need."""
-    multiprocessing.get_context("forkserver").set_forkserver_preload(["hotice.learn.branches.run"])
+    multiprocessing.get_context("forkserver").set_forkserver_preload(["hotice.learn.branches.run", "torch._dynamo"])
     monkeypatch.setattr(process, "START", "forkserver")
 
 
@@ -162,35 +164,27 @@ def interrupt_after(path, rows):
     threading.Thread(target=watch, daemon=True).start()
 
 
-def test_what_was_interrupted_and_resumed_is_what_was_not(split, tmp_path):
-    """Within a round of six updates of twelve: mostly not where an average is taken."""
-    whole = split(tmp_path / "whole", every=6, updates=12, momentum=0.6)
+def test_what_was_limited_interrupted_and_resumed_is_what_was_not(split, tmp_path):
+    """Two updates, those before Ctrl-C, then the rest, of rounds of four, the last of which is not whole."""
+    whole = split(tmp_path / "whole", every=4, updates=7, momentum=0.6)
     assert BranchedRun(Runner, whole).train()
-    parts = dataclasses.replace(whole, out=tmp_path / "parts")
-    interrupt_after(tmp_path / "parts" / "branch-1" / "log.jsonl", 2)
+    out = tmp_path / "parts"
+    parts = dataclasses.replace(whole, out=out, resume=True)
+    assert BranchedRun(Runner, dataclasses.replace(parts, updates=2)).train()
+    shown, meta = load_checkpoint(out)
+    each = [load_checkpoint(out / f"branch-{number}")[0] for number in (0, 1)]
+    name = "net.nets.up.actor.0.weight"
+    torch.testing.assert_close(shown[name], 0.5 * (each[0][name] + each[1][name]), rtol=0, atol=1e-7)
+    assert meta["branches"]["updates"] == [2, 2] and meta["steps"] == 2 * 2 * EACH
+    interrupt_after(out / "branch-1" / "log.jsonl", 3)
     assert not BranchedRun(Runner, parts).train()
-    shown, meta = load_checkpoint(tmp_path / "parts")
-    assert 2 <= meta["update"] <= 12 and "net.nets.low.actor.0.weight" in shown
-    assert BranchedRun(Runner, dataclasses.replace(parts, resume=True)).train()
+    assert 2 <= load_checkpoint(out)[1]["update"] < 7
+    assert BranchedRun(Runner, parts).train()
     for name in ("branch-0", "branch-1", "merged", "."):
-        assert differing(tmp_path / "whole" / name, tmp_path / "parts" / name) == [], name
+        assert differing(tmp_path / "whole" / name, out / name) == [], name
     one, two = (lines(tmp_path / name / "log.jsonl") for name in ("whole", "parts"))
     assert [(r["update"], r["steps"]) for r in two] == [(r["update"], r["steps"]) for r in one]
     assert [r["reward"] for r in two] == pytest.approx([r["reward"] for r in one], abs=2e-5)
-
-
-def test_a_limit_in_the_middle_of_a_round_is_no_average(split, tmp_path):
-    """Two and four updates are six of rounds of four, to the bit; what is shown between is the mean of the branches."""
-    BranchedRun(Runner, split(tmp_path / "whole", every=4, updates=6)).train()
-    BranchedRun(Runner, split(tmp_path / "parts", every=4, updates=2)).train()
-    shown, meta = load_checkpoint(tmp_path / "parts")
-    parts = [load_checkpoint(tmp_path / "parts" / f"branch-{number}")[0] for number in (0, 1)]
-    name = "net.nets.up.actor.0.weight"
-    torch.testing.assert_close(shown[name], 0.5 * (parts[0][name] + parts[1][name]), rtol=0, atol=1e-7)
-    assert meta["branches"]["updates"] == [2, 2] and meta["steps"] == 2 * 2 * EACH
-    BranchedRun(Runner, split(tmp_path / "parts", every=4, updates=6, resume=True)).train()
-    for name in ("branch-0", "branch-1", "merged", "."):
-        assert differing(tmp_path / "whole" / name, tmp_path / "parts" / name) == [], name
 
 
 def test_a_plain_run_becomes_branches_and_a_plain_run_again(tiny, split, tmp_path, capsys):
@@ -257,3 +251,17 @@ def test_the_command(tiny_options, tmp_path, capsys):
     assert load_checkpoint(tmp_path / "run")[1]["config"]["split"]["merge_every"] == 64
     assert main([*argv, "--updates", "2"]) == 2
     assert "holds checkpoint-0000002 of an earlier run" in capsys.readouterr().err
+
+
+def test_a_pick_up_is_trained_and_resumed_so_too(tmp_path):
+    small = "--num-envs 4 --steps 4 --minibatches 2 --epochs 1 --hidden 16 --critic-hidden 16 --threads 1".split()
+    small += ["--picks", str(BOOK)]
+    student, out = str(tmp_path / "student"), str(tmp_path / "better")
+    assert main(["pickup", "distill", *small, "--aggregate", "1", "--updates", "1", "--out", student]) == 0
+    train = ["pickup", "train", *small, "--branches", "2", "--merge-every", "16", "--critic-updates", "0", "--out", out]
+    assert main([*train, "--init", student, "--updates", "1"]) == 0
+    assert main([*train, "--resume", "--updates", "2"]) == 0
+    assert [row["averaged"] for row in lines(tmp_path / "better" / "merges.jsonl")] == [[0, 1]] * 2
+    meta = load_checkpoint(tmp_path / "better")[1]
+    assert meta["steps"] == 2 * 2 * 16 and meta["config"]["init"] == student
+    assert main(["pickup", "distill", *small, "--branches", "2", "--out", str(tmp_path / "none")]) == 2

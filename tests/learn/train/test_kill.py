@@ -97,6 +97,21 @@ def test_a_run_that_was_killed_ends_like_one_that_was_not(command, processes, ru
     assert rows == list(range(1, UPDATES + 1)), "each update is in the log once"
 
 
+def test_branches_that_lost_their_run_save_and_go_on_like_ones_that_did_not(processes, tiny_options, tmp_path):
+    """The run is killed in the middle of a round; its branches end by themselves, and the next one waits for them."""
+    argv = ["train", *tiny_options, *SMALL, "--branches", "2", "--merge-every", str(3 * 16), "--outer-momentum", "0.5"]
+    argv += ["--updates", str(2 * UPDATES), "--resume"]
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert main([*argv, "--out", str(whole)]) == 0
+    survive(
+        processes, [*argv, "--out", str(killed)], lambda kill: checkpoints(killed), seed=0, kills=max(1, KILLS // 3)
+    )
+    for name in (".", "merged", "branch-0", "branch-1"):
+        assert same(whole / name, killed / name, 2 * UPDATES), name
+    rows = [json.loads(line)["update"] for line in (killed / "log.jsonl").read_text().splitlines()]
+    assert rows == list(range(1, 2 * UPDATES + 1)) and half_written(killed) == []
+
+
 @pytest.fixture(scope="module")
 def evaluation(onnx_file, tmp_path_factory):
     """Command line of an evaluation without `--threads` and `--out`, and its report when nothing disturbs it."""
