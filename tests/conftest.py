@@ -11,6 +11,7 @@ import pytest
 
 from hotice.model import Box
 from hotice.model.objects import Cylinder, Sphere
+from tests.samples import SEED_NAME, draw_seed, split_alone
 
 # Tests read every line that commands say, and not all that they run was compiled before.
 os.environ.setdefault("HOTICE_QUIET", "1")
@@ -25,6 +26,28 @@ TINY = {
     "carry-states": 2,
     "episode-s": 0.3,
 }
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--alone", action="store_true", help="only tests that need the machine for themselves, which workers leave out"
+    )
+
+
+def pytest_configure(config):
+    """Before workers are started, which take it over."""
+    draw_seed()
+
+
+def pytest_report_header(config):
+    return f"samples: {SEED_NAME}={draw_seed()} takes the same again"
+
+
+def pytest_collection_modifyitems(config, items):
+    asked, beside = config.getoption("alone"), hasattr(config, "workerinput")
+    items[:], left_out = split_alone(items, lambda item: item.get_closest_marker("alone") is not None, asked, beside)
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
 
 
 @pytest.fixture(scope="session", autouse=True)

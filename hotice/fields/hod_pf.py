@@ -89,10 +89,17 @@ class GuidanceField:
         """F, signed distance and extended geodesic distance at once, equal to what the three methods return."""
         return self._query(p_W)
 
+    def attraction(self, p_W: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """As `query`, without the repulsive part of the force, -eta grad D_geo; of arrays alone."""
+        return self._query_numpy(p_W, repel=False)
+
     def _query(self, p_W: ArrayOrTensor) -> tuple[ArrayOrTensor, ArrayOrTensor, ArrayOrTensor]:
         """(F, inflated distance, finite geodesic distance)."""
         if not isinstance(p_W, np.ndarray) and hasattr(p_W, "detach"):
             return self._query_torch(p_W)
+        return self._query_numpy(p_W)  # type: ignore
+
+    def _query_numpy(self, p_W: Any, repel: bool = True) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         p: NDArray[Any] = np.asarray(p_W)
         if p.dtype not in (np.float32, np.float64):
             p = p.astype(np.float64)
@@ -102,8 +109,10 @@ class GuidanceField:
         number = flat.shape[1]
         force, away = np.empty((1, number, 3), p.dtype), np.empty((2, 1, number), p.dtype)
         if number:
-            sample_field(self._volumes, self._index, self.margin_m, self.params, _ALONE, flat, force, *away)
-        return force.reshape(p.shape), away[0].reshape(lead), away[1].reshape(lead)  # type: ignore
+            sample_field(
+                self._volumes, self._index, self.margin_m, self.params, _ALONE, flat, force, *away, repel=repel
+            )
+        return force.reshape(p.shape), away[0].reshape(lead), away[1].reshape(lead)
 
     def _query_torch(self, p_W: Any) -> Any:
         import torch

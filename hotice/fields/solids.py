@@ -64,7 +64,7 @@ class Space(NamedTuple):
         meshes = list({o.shape: None for o in scene.obstacles if isinstance(o.shape, MeshShape)})
         tree, roots = bvh.Tree.join([m.mesh().tree for m in meshes])
         root_of: dict[Any, int] = dict(zip(meshes, roots, strict=True))
-        solid = np.array([_row(o, root_of.get(o.shape, 0)) for o in scene.obstacles]).reshape(-1, 21)
+        solid = np.array([row_of(o, root_of.get(o.shape, 0)) for o in scene.obstacles]).reshape(-1, 21)
         ox, oy, oz = grid.origin.tolist()
         nx, ny, nz = grid.shape
         none, h = np.empty(0, dtype=np.int64), grid.resolution_m
@@ -92,7 +92,8 @@ class Space(NamedTuple):
         return near
 
 
-def _row(obstacle: Obstacle, root: int) -> list[float]:
+def row_of(obstacle: Obstacle, root: int = 0) -> list[float]:
+    """An obstacle as a row of `Space.solid`; `root`: of a mesh."""
     kind, size = kind_and_size(obstacle.shape)
     centre, radius = obstacle.bounding_ball()
     R_WB = quat_to_mat(obstacle.quaternion_wxyz).reshape(-1)

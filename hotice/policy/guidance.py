@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hotice.fields.command import heading_error, navigation_command
 from hotice.fields.hod_pf import HodPf
+from hotice.fields.moving.momentary import MomentaryPf
 from hotice.model import g1
 from hotice.policy.percept import NUM_POINTS, NUM_SGF, Percept
 from hotice.policy.vectors import NamedVector
@@ -58,7 +59,7 @@ class FieldReading(NamedVector):
     }
 
 
-def read_fields(pf: HodPf, percept: Percept, task: PolicyTask) -> FieldReading:
+def read_fields(pf: HodPf | MomentaryPf, percept: Percept, task: PolicyTask) -> FieldReading:
     """Fields at the keypoints of a percept, and the command that they make."""
     # the environment samples in single precision
     p_WK, p_WP, yaw = percept.p_WK, percept.p_WP, percept.yaw[0]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.model.builder import OBSTACLE_PREFIX
+from hotice.model.moving.mocap import place_moving
 from hotice.model.scene import Scene
 from hotice.replay.events import MOST_TOUCHES, RolloutEvent
 from hotice.replay.shown import driven
@@ -44,9 +45,7 @@ def find_touches(
     clearance = np.full(len(qpos) if solids else 0, FAR_M)
     for frame, state in enumerate(qpos):
         data.qpos[:] = state
-        for m, obstacle in enumerate(scene.moving if scene is not None else ()):
-            then = obstacle.at(float(time_s[frame]))
-            data.mocap_pos[m], data.mocap_quat[m] = then.position_m, then.quaternion_wxyz
+        place_moving(data, scene.moving if scene is not None else (), float(time_s[frame]))
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)

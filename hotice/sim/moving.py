@@ -15,9 +15,7 @@ from hotice.fields.moving.course import Courses, Movers
 from hotice.fields.moving.moments import Moments
 from hotice.fields.moving.world import MovingWorld
 from hotice.task.moving import MovingConfig
-
-MOVES_M_S = 0.05
-"""What is slower does not move."""
+from hotice.task.rules import MOVES_M_S
 
 
 class MovingObstacles:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -14,6 +15,8 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from hotice.errors import InvalidStation, SimulationError
 from hotice.model import builder
+from hotice.model.moving.mocap import place_moving
+from hotice.model.scene import Obstacle
 from hotice.safety.limits import DAMPING_KD
 from hotice.systems.joint_pd import JointServo, pd_torque
 from hotice.systems.pushes import NOW_S, PUSH
@@ -41,6 +44,8 @@ class MujocoPlant(LeafSystem):
         qpos: (nq,) where the default Context starts, at rest; ctrl: (nu,) the controls before the first step.
         period_s: for which an actuation is held: a multiple of the model's time step (default: one).
         servo: of motors that take joint targets. pushed: whether there is an input `push`.
+        moving: all obstacles of the model's scene that have a motion; they are moved by the diagram's time, before each
+            time step to where they will be after it.
     """
 
     def __init__(
@@ -51,12 +56,16 @@ class MujocoPlant(LeafSystem):
         period_s: float | None = None,
         servo: JointServo | None = None,
         pushed: bool = False,
+        moving: Sequence[Obstacle] = (),
     ) -> None:
         super().__init__()
-        self.model = model
+        self.model, self._moving = model, tuple(moving)
+        if len(self._moving) != model.nmocap:
+            raise InvalidStation(f"{len(self._moving)} obstacles move, the model has {model.nmocap} that do")
         self._data, self._scratch = mujoco.MjData(model), mujoco.MjData(model)
         self._servo, self._ctrl = servo, self._data.ctrl
         self._joint_pos, self._joint_vel = self._data.qpos[7 : 7 + model.nu], self._data.qvel[6 : 6 + model.nu]
+        self._met = ("", *(f"/{obstacle.name}" for obstacle in self._moving))
         self._holds = b""  # the state that `_data` was left in
         self.nq, self.nv, self.nu = model.nq, model.nv, model.nu
         self._touching = {model.body(name).id: i for i, name in enumerate(TOUCHING_BODIES)}
@@ -106,7 +115,9 @@ class MujocoPlant(LeafSystem):
         if mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, builder.HIT_SENSORS[0]) < 0:
             return False, False
         self._forward(context)
-        robot, carried = (bool(self._scratch.sensor(name).data[0] > 0) for name in builder.HIT_SENSORS)
+        robot, carried = (
+            any(self._scratch.sensor(f"{name}{of}").data[0] > 0 for of in self._met) for name in builder.HIT_SENSORS
+        )
         return robot, carried
 
     def _step(self, context: Context, discrete_state: DiscreteValues) -> None:
@@ -122,9 +133,10 @@ class MujocoPlant(LeafSystem):
                 data.qvel[:2] += push[:-1]
         if self._servo is None:
             self._ctrl[:] = command
+        if self._servo is None and not self._moving:
             mujoco.mj_step(model, data, self._steps)
         else:
-            self._serve(command, self._servo)
+            self._step_one_by_one(context.get_time(), command)
         new = discrete_state.get_mutable_value()
         mujoco.mj_getState(model, data, new, STATE)
         self._holds = new.tobytes()
@@ -157,10 +169,15 @@ class MujocoPlant(LeafSystem):
         kind[joints], bias[joints, 2] = mujoco.mjtBias.mjBIAS_AFFINE, -DAMPING_KD
         self._damps = damped.tobytes()
 
-    def _serve(self, target: Array, servo: JointServo) -> None:
-        target = target - servo.offset if servo.offset.any() else target
-        for _ in range(self._steps):
-            self._ctrl[:] = pd_torque(target, self._joint_pos, self._joint_vel, servo.kp, servo.kd, servo.limit)
+    def _step_one_by_one(self, now_s: float, target: Array) -> None:
+        """Steps between which the servo commands anew, and obstacles move on."""
+        servo = self._servo
+        if servo is not None and servo.offset.any():
+            target = target - servo.offset
+        for k in range(self._steps):
+            if servo is not None:
+                self._ctrl[:] = pd_torque(target, self._joint_pos, self._joint_vel, servo.kp, servo.kd, servo.limit)
+            place_moving(self._data, self._moving, now_s + (k + 1) * self.model.opt.timestep)
             mujoco.mj_step(self.model, self._data)
 
     def _output_state(self, context: Context, output: BasicVector) -> None:

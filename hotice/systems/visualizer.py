@@ -88,6 +88,7 @@ class Visualizer(LeafSystem):
         self._force = self.DeclareVectorInputPort("contact_force", CONTACT_FORCE)
         self._bodies = self._draw_bodies(robot_meshes() if meshes else {})
         self._draw_scene(scene)
+        self._moving = {i: o for i, o in enumerate(scene.obstacles) if o.motion is not None}
         self._draw_footsteps(footsteps)
         for k in range(NUM_FIELD):
             self._draw_arrow(f"{ROOT}/field/{k}", SGF_COLOUR if k < NUM_SGF else OGF_COLOUR)
@@ -107,6 +108,10 @@ class Visualizer(LeafSystem):
         points = np.concatenate([percept.p_WK, percept.p_WOK])
         for k, (p_W, force_W) in enumerate(zip(points, reading.force_W, strict=True)):
             self._move_arrow(f"{ROOT}/field/{k}", p_W, METRES_PER_M_S * force_W, time_s)
+        for i, obstacle in self._moving.items():
+            then = obstacle.at(time_s)
+            X_WB = pose(then.position_m, then.quaternion_wxyz)
+            self.meshcat.SetTransform(f"{ROOT}/obstacles/{i}", X_WB, time_in_recording=time_s)
         forces = self._force.Eval(context).reshape(-1, 3)
         for name, body, force_W in zip(TOUCHING_BODIES, self._touching, forces, strict=True):
             self._move_arrow(f"{ROOT}/force/{name}", self._data.xpos[body], METRES_PER_N * force_W, time_s)

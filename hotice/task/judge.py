@@ -27,8 +27,14 @@ class Judge:
         sensors = [model.sensor(i).name for i in range(model.nsensor)]
         self._hits = [
             (int(model.sensor(name).adr[0]), outcome)
-            for name, outcome in zip(builder.HIT_SENSORS, ("robot_collision", "object_collision"), strict=True)
-            if name in sensors
+            for who, outcome in zip(builder.HIT_SENSORS, ("robot_collision", "object_collision"), strict=True)
+            for name in sensors
+            if name == who or name.startswith(f"{who}/")
+        ]
+        self._movers = [
+            (int(model.sensor(name).adr[0]), name.partition("/")[2])
+            for name in sensors
+            if name.startswith(tuple(f"{who}/" for who in builder.HIT_SENSORS))
         ]
 
     def failure(self, data: mujoco.MjData) -> str:
@@ -44,3 +50,7 @@ class Judge:
     def collision(self, data: mujoco.MjData) -> str:
         """Whether robot or object touches an obstacle, as `failure`. Needs sensors."""
         return next((outcome for at, outcome in self._hits if data.sensordata[at] > 0), "")
+
+    def met(self, data: mujoco.MjData) -> set[str]:
+        """Names of obstacles with a motion that robot or object touches. Needs sensors."""
+        return {name for at, name in self._movers if data.sensordata[at] > 0}

@@ -40,6 +40,8 @@ LOW_M = 0.25
 """So is one whose centre is lower than this (ours)."""
 STANDS_M, STANDS_S = 0.1, 0.5
 """A robot stands whose root has come less far than this in so long, horizontally (ours)."""
+MOVES_M_S = 0.05
+"""What is slower does not move; also of what turns, in rad/s."""
 IN_CARRY_M, IN_CARRY_RAD = 0.08, 0.4363
 """A pick-up: the object is this near to its place in the carry state, seen from the feet, and turned by at most 25
 degrees from upright and straight; round objects may be turned (ours, as the model-based pick-up is scored)."""

@@ -1,33 +1,25 @@
 """Bad command lines: one line that says what is wrong, status 2, no traceback, no hang, nothing left."""
 
 import os
-import random
-
-import pytest
 
 from tests.attack.lines import BAD_NUMBERS, MISSING, ODD_NUMBERS, file_lines, number_lines, word_lines
+from tests.samples import sample
 
-SEED = int(os.environ.get("HOTICE_ATTACK_SEED", "0"))
 SAMPLE = int(os.environ.get("HOTICE_ATTACK_LINES", "170"))
-"""Lines of each of the two large tables; those with bad words are run all."""
-
-
-def sample(lines):
-    lines = list(lines)
-    return random.Random(SEED).sample(lines, min(SAMPLE, len(lines)))
+"""Lines of each of the two large tables, others in each run; those with bad words are run all."""
 
 
 def test_bad_files(attack, bad):
-    attack(sample(file_lines(bad)))
+    attack(sample(file_lines(bad), SAMPLE))
 
 
 def test_bad_numbers(attack):
     """Each is refused for the number, not for what else is wrong with the line."""
-    attack(sample(number_lines(BAD_NUMBERS)), unsaid=MISSING)
+    attack(sample(number_lines(BAD_NUMBERS), SAMPLE), unsaid=MISSING)
 
 
 def test_odd_numbers(attack):
-    attack(sample(number_lines(ODD_NUMBERS))[: SAMPLE // 5])
+    attack(sample(number_lines(ODD_NUMBERS), SAMPLE // 5))
 
 
 def test_bad_words(attack):
@@ -37,12 +29,6 @@ def test_bad_words(attack):
 def test_there_are_enough(bad):
     assert 2 * SAMPLE + len(list(word_lines())) >= 300
     assert len(list(file_lines(bad))) > 400 and len(list(number_lines(BAD_NUMBERS))) > 1000
-
-
-@pytest.mark.slow
-def test_all(attack, bad):
-    attack([*file_lines(bad), *number_lines(ODD_NUMBERS)])
-    attack(number_lines(BAD_NUMBERS), unsaid=MISSING)
 
 
 def test_the_shell_tells_what_is_wrong(shell, tmp_path):

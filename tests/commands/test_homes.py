@@ -1,10 +1,12 @@
 """Every command where there is no home folder to write to: it works, or names the variable; and leaves nothing behind.
 
-Each runs as one types it, in a process of its own whose HOME lies below a file: nobody can make it, root neither.
+HOME lies below a file: nobody can make it, root neither. Commands that run for a while or start others run as one types
+them; the rest share a process by what they need, in an order that changes from run to run.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -18,6 +20,7 @@ from hotice.caches import cache_root
 from hotice.commands import scene, table
 from hotice.commands.picks import group
 from tests.model.importers import front3d_fixture
+from tests.samples import sample
 
 pytestmark = pytest.mark.slow
 SMALL = "--num-envs 8 --carry-states 1 --threads 1 --hidden 8 --critic-hidden 8 --steps 4 --minibatches 2 --updates 1"
@@ -65,6 +68,15 @@ NEEDS = {"robot-sim": "cyclonedds", "robot-check": "cyclonedds", "tag-camera": "
 REFUSED = {"robot-check": "rows failed", "tag-camera": "no picture", "reproduce": "nope"}
 """Commands whose lines end with status 2 all the same: nobody sends anything, nobody took a picture, a real one would
 take long."""
+ALONE = ("pipeline", "warm", "benchmark", "robot-sim", "tag-camera", "robot-check", "deploy")
+"""Commands that run as one types them."""
+TOGETHER = {
+    "policies": ("distill", "finetune", "merge", "export", "evaluate", "play"),
+    "new runs": ("train", "reproduce", "tables", "tags"),
+    "pick-ups": tuple(name for name in LINES if name.startswith("pickup")),
+    "scenes": tuple(name for name in LINES if name.startswith("scene")),
+}
+"""Commands that share a process."""
 MADE = {"distill": "run", "finetune": "run", "pipeline": "run", "export": "run", "merge": "run other"}
 MADE |= {"pickup train": "picker", "pickup evaluate": "picker"}
 PIPELINE = """
@@ -127,6 +139,45 @@ def homeless(folder, *, known=True):
     return environment
 
 
+ONE_AFTER_ANOTHER = """
+import json, os, sys
+from hotice.commands.program import main
+
+endings, said = {}, os.dup(1)
+for name, line in json.loads(sys.argv[1]).items():
+    words = os.open(f"../{name}.txt", os.O_WRONLY | os.O_CREAT)
+    os.dup2(words, 1), os.dup2(words, 2)
+    try:
+        status = main(line.split())
+    except SystemExit as ended:
+        status = ended.code or 0
+    sys.stdout.flush(), sys.stderr.flush()
+    endings[name] = status
+os.write(said, json.dumps(endings).encode())
+"""
+"""Runs lines by their names; what each says goes into a file beside the folder."""
+
+
+def run_lines(names, folder, environment):
+    """How each of some commands ended, in one process."""
+    lines = {name: LINES[name] for name in sample(names, len(names))}
+    done = subprocess.run(
+        [sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(lines)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
+    files = {name: folder.parent / f"{name}.txt" for name in names}
+    said = {name: file.read_text() if file.exists() else "" for name, file in files.items()}
+    for file in files.values():
+        file.unlink(missing_ok=True)
+    assert done.returncode == 0, (done.stderr, said)
+    endings = json.loads(done.stdout)
+    return {name: subprocess.CompletedProcess(lines[name], endings[name], said[name], "") for name in lines}
+
+
 def run_line(line, folder, environment, door="hotice"):
     return subprocess.run(
         [sys.executable, "-m", door, *line.split()],
@@ -159,9 +210,10 @@ def test_every_command_is_tried():
     for name, entries in (("scene", scene.COMMANDS), ("pickup", group.COMMANDS)):
         commands |= {f"{name} {entry}" for entry in entries}
     assert set(LINES) == commands, "a new command needs a line"
+    assert sorted([*ALONE, *(name for names in TOGETHER.values() for name in names)]) == sorted(LINES)
 
 
-def works(done, name, folder):
+def works(done, name):
     """Says what is wrong with how a command ended; a variable may be asked for."""
     said = done.stdout + done.stderr
     assert "Traceback" not in said, said
@@ -171,28 +223,49 @@ def works(done, name, folder):
         assert done.returncode == 2 and REFUSED[name] in said, said
     else:
         assert done.returncode == 0 or (done.returncode == 2 and "set HOTICE_CACHE" in said), said
+
+
+def leaves_nothing(folder):
     assert not list((folder / "temporary").iterdir())
     assert {p.name for p in folder.iterdir()} == {"work", "file", "temporary"}
 
 
-@pytest.mark.parametrize("name", LINES)
-def test_a_command_without_a_home(name, tmp_path, made):
-    folder = tmp_path / "work"
-    folder.mkdir()
-    for given in MADE.get(name, "").split():
-        (folder / given).symlink_to(made(given))
-    (folder / "small.yaml").write_text(PIPELINE)
-    (folder / "tiny.obj").write_text(SHELF)
-    (folder / "pictures").mkdir()
-    works(run_line(LINES[name], folder, homeless(tmp_path)), name, tmp_path)
+@pytest.fixture
+def stage(tmp_path, made):
+    """Function: the folder in which commands run, with what they are given."""
+
+    def make(names):
+        folder = tmp_path / "work"
+        folder.mkdir()
+        for given in sorted({given for name in names for given in MADE.get(name, "").split()}):
+            (folder / given).symlink_to(made(given))
+        (folder / "small.yaml").write_text(PIPELINE)
+        (folder / "tiny.obj").write_text(SHELF)
+        (folder / "pictures").mkdir()
+        return folder
+
+    return make
 
 
-@pytest.mark.parametrize("known", [True, False], ids=["a home that cannot be made", "no home and no passwd entry"])
+@pytest.mark.parametrize("name", ALONE)
+def test_a_command_without_a_home(name, tmp_path, stage):
+    works(run_line(LINES[name], stage([name]), homeless(tmp_path)), name)
+    leaves_nothing(tmp_path)
+
+
+@pytest.mark.parametrize("names", TOGETHER.values(), ids=TOGETHER)
+def test_commands_without_a_home(names, tmp_path, stage):
+    for name, done in run_lines(names, stage(names), homeless(tmp_path)).items():
+        works(done, name)
+    leaves_nothing(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["train", "evaluate", "tags", "scene show", "deploy"])
-def test_the_other_door_without_a_home(name, known, tmp_path):
-    """`python -m hotice.learn`, also of a user whom no passwd knows."""
+def test_the_other_door_of_a_user_whom_nobody_knows(name, tmp_path):
+    """`python -m hotice.learn`, without a home and without an entry in passwd."""
     (tmp_path / "work").mkdir()
-    works(run_line(LINES[name], tmp_path / "work", homeless(tmp_path, known=known), "hotice.learn"), name, tmp_path)
+    works(run_line(LINES[name], tmp_path / "work", homeless(tmp_path, known=False), "hotice.learn"), name)
+    leaves_nothing(tmp_path)
 
 
 def test_the_user_whom_nobody_knows_has_no_home(tmp_path):

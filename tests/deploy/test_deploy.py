@@ -35,10 +35,13 @@ from hotice.errors import CheckpointError, InvalidConfig
 from hotice.machine import usable_cores
 from hotice.model import load_scene
 from hotice.model.source import MapSource
+from tests.samples import sample
 
 REPOSITORY = Path(__file__).parents[2]
 DOMAINS = itertools.count(21 + 8 * (os.getpid() % 25))
 PORTS = itertools.count(48_000 + 4 * (os.getpid() % 2000), 2)
+HEADINGS = ("From start to carried box, simulated", "From a map to a carried box, simulated")
+PAGES = int(os.environ.get("HOTICE_PAGES", "1"))
 LONG_S = 300.0
 SINKS_S = 34.0
 """The page's last key has the motors brake."""
@@ -238,11 +241,13 @@ class Load:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("heading", ["From start to carried box, simulated", "From a map to a carried box, simulated"])
+@pytest.mark.alone
+@pytest.mark.parametrize("heading", sample(HEADINGS, PAGES))
 def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path):
     """Guard, runner and robot in three processes: hung up, handed the box, lowered, carries, holds, lowers, brakes.
 
-    The commands are the page's; where they are to run beside others, and what is looked at, is added behind.
+    The commands are the page's; where they are to run beside others, and what is looked at, is added behind. One of the
+    two a run; `HOTICE_PAGES=2` runs both.
     """
     network, load = shared(), Load()
     *before, first, second = page_commands(heading)

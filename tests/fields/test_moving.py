@@ -9,6 +9,7 @@ from hotice.fields.bank import FieldBank
 from hotice.fields.clearance import Spheres
 from hotice.fields.moving.course import Courses
 from hotice.fields.moving.distance import mover_clearance, nearest_mover
+from hotice.fields.moving.momentary import momentary_pf, moved, poses_of
 from hotice.fields.moving.moments import Moments
 from hotice.fields.moving.world import MovingWorld
 from hotice.fields.potential import FieldParams
@@ -17,6 +18,7 @@ from hotice.model import Obstacle, Scene, load_scene
 from hotice.model.frames import normalize, quat_to_mat
 from hotice.model.geometry.shapes import BoxShape, CapsuleShape, CylinderShape, SphereShape
 from hotice.model.moving import Motion, WayPoint
+from hotice.model.moving.sight import newest_s, seen_moving
 
 SHAPES = (BoxShape((0.3, 0.2, 0.5)), CylinderShape(0.2, 0.6), CapsuleShape(0.15, 0.4), SphereShape(0.25))
 
@@ -223,6 +225,33 @@ def test_the_newest_ways_count_where_they_are_given(scenes, bank, rng):
     assert apart.abs().max() < 1e-5 and not torch.equal(live.geodesic, near.geodesic)
 
 
+@pytest.mark.parametrize("live", [False, True])
+def test_fields_of_one_robot_are_those_of_the_batch(scenes, bank, rng, live):
+    """NumPy and torch: the same points, movers and ways."""
+    moments = Moments.of(bank, rate_hz=2.0, until_s=3.0)
+    for time_s in (0.0, 0.9, 2.6):
+        ids, when = torch.tensor([0]), torch.tensor([time_s])
+        rows = moments.index(ids, when)
+        world = MovingWorld(
+            still=bank, movers=Courses.of(scenes).at(ids, when), newest=(moments.bank, rows) if live else None
+        )
+        then = scenes[0].at(newest_s(time_s, 2.0))
+        pf = momentary_pf(
+            build_hod_pf(scenes[0].still()),
+            scenes[0].at(time_s).obstacles[:3],
+            build_hod_pf(then) if live else None,
+        )
+        p_W = rng.uniform([0.0, -0.8, 0.2], [2.0, 0.8, 1.2], (400, 3)).astype(np.float32)
+        p_W[:30] += np.array(then.obstacles[0].position_m, np.float32) - p_W[:30].mean(axis=0)
+        for name in ("sgf", "ogf"):
+            got, want = getattr(pf, name).query(p_W), world.sample(name, ids, torch.from_numpy(p_W)[None])
+            for mine, theirs in zip(got, (want.force_W, want.signed_distance, want.geodesic), strict=True):
+                assert mine.dtype == np.float32
+                np.testing.assert_allclose(mine, theirs[0], rtol=3e-5, atol=6e-5)
+    nothing = momentary_pf(build_hod_pf(scenes[1]), ())
+    np.testing.assert_array_equal(nothing.sgf.query(p_W)[0], build_hod_pf(scenes[1]).sgf.query(p_W)[0])
+
+
 # ---- what is known ---------------------------------------------------------------------------------------------------
 
 
@@ -249,3 +278,17 @@ def test_a_turn_is_foreseen():
     np.testing.assert_allclose(seen.R_WB, true.R_WB, atol=1e-5)
     # the place goes on straight along the chord, not on its arc
     assert 0.0 < (seen.p_W - true.p_W).norm() < 0.01
+
+
+def test_sight_of_one_is_that_of_the_batch(scenes):
+    courses = Courses.of(scenes)
+    for row in (0, 2):
+        moving = scenes[row].moving
+        for time_s in TIMES.tolist():
+            for rate_hz, delay_s in ((10.0, 0.1), (4.0, 0.0), (30.0, 0.25)):
+                want = courses.seen(torch.tensor([row]), torch.tensor([time_s]), rate_hz, delay_s)
+                got = seen_moving(moving, time_s, rate_hz, delay_s)
+                for m, obstacle in enumerate(got):
+                    np.testing.assert_allclose(obstacle.position_m, want.p_W[0, m], atol=2e-5)
+                    np.testing.assert_allclose(quat_to_mat(obstacle.quaternion_wxyz), want.R_WB[0, m], atol=2e-5)
+    assert moved(moving, poses_of(got)) == got and all(o.motion is None for o in got)

@@ -47,6 +47,16 @@ for name, minibatches in {cases!r}.items():
 """
 
 
+IN_TURN = """
+import sys
+from hotice.commands.program import main
+
+options = sys.argv[1:]
+for out, updates in (("whole", "2"), ("parts", "1")):
+    assert main(["train", "--out", out, "--updates", updates, *options]) == 0
+"""
+
+
 class Joined(Rollout):
     """A rollout whose minibatches are those of two ranks, joined: each rank shuffles rows of its own, here in the same
     order."""
@@ -150,26 +160,10 @@ def test_every_row_is_in_one_minibatch_of_an_epoch(count):
 
 @pytest.mark.slow
 def test_a_run_of_two_ranks_resumes_bit_for_bit_and_goes_on_with_one(tiny, tiny_options, tmp_path):
-    def train(out, updates):
-        torchrun(
-            tmp_path,
-            "-m",
-            "hotice.learn",
-            "train",
-            "--out",
-            out,
-            "--resume",
-            "--updates",
-            updates,
-            *tiny_options,
-            "--scenes",
-            "open_floor",
-            "gap",
-        )
-
-    train("whole", 2)
-    train("parts", 1)
-    train("parts", 2)
+    options = [*tiny_options, "--scenes", "open_floor", "gap", "--resume"]
+    (tmp_path / "in_turn.py").write_text(IN_TURN)
+    torchrun(tmp_path, tmp_path / "in_turn.py", *options)
+    torchrun(tmp_path, "-m", "hotice.learn", "train", "--out", "parts", "--updates", 2, *options)
     (a, meta), (b, _) = (load_checkpoint(tmp_path / name) for name in ("whole", "parts"))
     assert set(a) == set(b) and [k for k in a if not torch.equal(a[k], b[k])] == []
     assert meta["ranks"] == 2 and meta["steps"] == 2 * 2 * 64

@@ -87,10 +87,10 @@ def test_judge(station, rollout):
         end = qpos[0].copy()
         for index, value in change.items():
             end[index] = value
-        assert judge(station, np.stack([qpos[0], end])) == outcome
+        assert judge(station, np.array([0.0, 0.02]), np.stack([qpos[0], end])) == outcome
     under = qpos[0].copy()
     under[[0, 36]] += 1.0  # upright below the beam: the head is in it
-    assert judge(station, under[None]) == "robot_collision"
+    assert judge(station, np.zeros(1), under[None]) == "robot_collision"
 
 
 def test_drake_follows_mujoco_standing():

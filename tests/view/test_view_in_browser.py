@@ -99,6 +99,48 @@ def test_a_dragged_obstacle_bends_field_and_way_and_the_robot_arrives(page):
     assert "Touches0" in facts and "as the obstacles are" in facts
 
 
+def pushes(page):
+    """Velocities [m/s] of the pushes that are told."""
+    told = page.run("[...document.querySelectorAll('#events li, #events > *')].map((event) => event.textContent)")
+    return [
+        tuple(map(float, found)) for text in told for found in re.findall(r"pushed by (-?\d\.\d+), (-?\d\.\d+)", text)
+    ]
+
+
+def lifted(place):
+    """The top of the object at a place, which is what is seen of it from above."""
+    return [place[0], place[1], place[2] + 0.12]
+
+
+def test_the_robot_is_pushed_by_the_mouse(page):
+    """A drag by 0.4 m to the left is 0.4 m/s to the left, and felt; a click pushes by 0.4 m/s away from who looks."""
+    pause(page, False)
+    wait(page, "document.getElementById('view').dataset.mode === 'at the goal'")
+    page.run("document.querySelector('[data-view=top]').click()")
+    page.drawn()
+    record = "window.hotice.page.records[0]"
+    page.run(f"window.sideways = []; window.hotice.listen(() => window.sideways.push({record}.root_pos[1]))")
+    held, before = page.run(f"Array.from({record}.object_pos)"), len(pushes(page))
+    to = [held[0], held[1] + 0.4, held[2]]
+    page.drag(on_screen(page, lifted(held)), on_screen(page, lifted(to)))
+    wait(page, "document.getElementById('events').textContent.includes('pushed by')")
+    (x, y) = pushes(page)[before]
+    assert abs(x) < 0.06 and abs(y - 0.4) < 0.06
+    # a step aside of more than its sway at the goal
+    wait(page, "Math.max(...window.sideways) - window.sideways[0] > 0.03")
+    page.run("document.querySelector('[data-view=angle]').click()")
+    page.drawn()
+    away = page.run("window.hotice.camera.getWorldDirection(new THREE.Vector3()).setZ(0).normalize().toArray()")
+    here = on_screen(page, page.run(f"Array.from({record}.object_pos)"))
+    page.drag(here, here, steps=1)
+    end = time.monotonic() + PATIENCE_S
+    while len(pushes(page)) == before + 1:
+        assert time.monotonic() < end, "the click pushed nothing"
+        time.sleep(0.02)
+    (x, y) = pushes(page)[before + 1]
+    assert abs(x - 0.4 * away[0]) < 0.02 and abs(y - 0.4 * away[1]) < 0.02
+
+
 def test_a_refused_push_and_a_refused_object_are_told(page):
     push_button(page, "restart")
     pause(page, True)

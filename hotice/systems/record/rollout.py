@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from hotice.model import builder as models
+from hotice.model.moving.mocap import place_moving
+from hotice.model.scene import Velocity
 from hotice.policy.guidance import FieldReading
 from hotice.policy.percept import NUM_SGF, Percept
 from hotice.replay import RolloutRecord
@@ -21,7 +23,7 @@ from hotice.systems.hand_over.mode_selector import MODES
 from hotice.systems.logs import SignalLog, read_logs
 from hotice.systems.signals import NQ
 from hotice.task.judge import Judge
-from hotice.task.rules import arrived
+from hotice.task.rules import MOVES_M_S, STANDS_S, arrived, walked_into
 
 if TYPE_CHECKING:
     from hotice.systems.station.make import Station
@@ -43,16 +45,17 @@ def to_record(
     model = models.build_model(station.carry.carried, station.scene, joints=29, floor=False)
     percepts = [Percept(row) for row in logs["sensor_model.percept"].value]
     readings = [FieldReading(row) for row in logs["guidance_field.guidance"].value]
-    qpos = state.value[:, :NQ]
+    time_s, qpos = state.time_s, state.value[:, :NQ]
     if station.pick is not None:
-        qpos = qpos[_carried_from(logs["pickup.phase"], len(qpos)) :]
+        first = _carried_from(logs["pickup.phase"], len(qpos))
+        time_s, qpos = time_s[first:], qpos[first:]
     return RolloutRecord.from_states(
         model,
         state.value[:, :NQ],
         scene=station.world,
         carried=station.carry.carried,
         time_s=state.time_s,
-        outcome=outcome or judge(station, qpos),
+        outcome=outcome or judge(station, time_s, qpos),
         policy=policy or station.controller_name,
         arrow_pos_W=np.stack([np.concatenate([p.p_WK, p.p_WOK]) for p in percepts]),
         arrow_force_W=np.stack([r.force_W for r in readings]),
@@ -81,8 +84,8 @@ def _carried_from(phase: SignalLog, rows: int) -> int:
     return int(held[0]) if len(held) else rows
 
 
-def judge(station: Station, qpos: Array) -> str:
-    """Outcome of a rollout of states (T, 43), exact geometry: first of collision, fall, drop and success.
+def judge(station: Station, time_s: Array, qpos: Array) -> str:
+    """Outcome of states (T, 43) at times (T,) [s], exact geometry: first of collision, fall, drop and success.
 
     Conditions are the task's (`hotice.task.rules`); collisions are looked for at the states given. A pick-up is judged
     from where it holds the object; one that never does has run out of time.
@@ -91,12 +94,23 @@ def judge(station: Station, qpos: Array) -> str:
 
     model = models.build_model(station.carry.carried, station.scene, joints=29)
     data = mujoco.MjData(model)
-    referee = Judge(model)
-    for row in qpos:
+    referee, moving = Judge(model), station.scene.moving
+    for now_s, row in zip(time_s.tolist(), qpos, strict=True):
         data.qpos[:] = row
+        place_moving(data, moving, now_s)
         mujoco.mj_forward(model, data)
-        if failed := referee.failure(data) or referee.collision(data):
+        if failed := referee.failure(data):
             return failed
+        if failed := referee.collision(data):
+            touched = referee.met(data)
+            before = qpos[np.searchsorted(time_s, now_s - STANDS_S - 1e-6)]
+            met = any(o.name in touched and moves(o.velocity_at(now_s)) for o in moving)
+            return "walked_into" if walked_into(met, np.linalg.norm(row[:2] - before[:2])) else failed
         if arrived(np.linalg.norm(row[:2] - station.scene.goal)):
             return "success"
     return "timeout"
+
+
+def moves(velocity: Velocity) -> bool:
+    """Whether what has this velocity moves (`hotice.task.rules`)."""
+    return max(float(np.linalg.norm(velocity.v_W)), abs(velocity.yaw_rate_rad_s)) > MOVES_M_S

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from hotice.systems.safety_monitor import SafetyLimits
 from hotice.systems.setup.rehearsal_config import RehearsalConfig
 from hotice.task.config import TaskConfig
 from hotice.task.contract import SHORTEST_S
+from hotice.task.moving import KNOWN, MovingConfig
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 
 MAX_FILE_BYTES = 2**20
@@ -39,7 +40,7 @@ DYNAMICS = {
     "robot_nominal": ROBOT_NOMINAL,
     "paper": PAPER_DYNAMICS,
 }
-PARTS = {"sensing": SensingConfig, "dynamics": DynamicsConfig, "safety": SafetyLimits}
+PARTS = {"sensing": SensingConfig, "dynamics": DynamicsConfig, "moving": MovingConfig, "safety": SafetyLimits}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +75,9 @@ class StationConfig:
     """Seed of the sensors' noise and delays, of dynamics and pushes."""
     elliptic: bool = False
     """Elliptic friction cones, solved to convergence (MuJoCo plant)."""
+    moving: MovingConfig | Literal["still", "near", "live"] = field(default_factory=MovingConfig)
+    """What the policy's fields know of obstacles that move, in scenes that have some, by name or in numbers; exact
+    sensing knows them without delay."""
     safety: SafetyLimits = field(default_factory=SafetyLimits)
     """Limits beyond which commands no longer pass."""
     support_height_m: float = 0.6
@@ -91,6 +95,8 @@ class StationConfig:
     """Rate at which the visualizer publishes."""
 
     def __post_init__(self) -> None:
+        if isinstance(self.moving, str):
+            object.__setattr__(self, "moving", MovingConfig(known=checks.one_of("moving", self.moving, KNOWN)))
         checks.number("meshcat_hz", self.meshcat_hz, Range(above=0, most=MOST_HZ))
         checks.number("log_hz", self.log_hz, Range(least=0, most=MOST_HZ))
         checks.numbers(self, checks.POSITIVE, "pelvis_height_m", "support_height_m", "support_near_m")
@@ -120,7 +126,11 @@ class StationConfig:
             if isinstance(values.get(part), str):
                 values[part] = known[checks.one_of(part, values[part], known, otherwise="a mapping")]
         for name, kind in {**PARTS, "rehearsal": RehearsalConfig}.items():
-            if name in values and not isinstance(values[name], kind):
+            if (
+                name in values
+                and not isinstance(values[name], kind)
+                and not (name == "moving" and values[name] in KNOWN)
+            ):
                 values[name] = _part(name, values[name], kind)
         return cls(**values)
 

@@ -31,6 +31,8 @@ PLANTS = ("mujoco", "drake")
 CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
 """hold: the carry state's joint targets, without a policy: standing with the object."""
 TORQUE_CONTROLLERS = ("walk", "pickup", "pickup_then_policy")
+FOR_MOVING = ("policy", "hold")
+"""Controllers that know scenes in which something moves."""
 FINE_DT_S, CONTROLLED_DT_S = 0.002, 0.005
 """Physics step but where policies or controllers meet the plant that they were made with, and of the latter [s]."""
 Array = NDArray[np.floating]
@@ -78,7 +80,8 @@ class StationSetup:
             raise UnknownName("controller", controller, CONTROLLERS)
         motors = controller in TORQUE_CONTROLLERS or config.servo == "pd"
         scene = world = config.scene if isinstance(config.scene, Scene) else load_scene(config.scene)
-        only_still(scene, "a station")
+        if controller not in FOR_MOVING:
+            only_still(scene, f"controller {controller!r} of a station")
         policy = open_policy(config.policy)
         task = PolicyTask.from_meta(policy.meta, policy.name)
         physics_dt_s = _physics_step(config, task, plant, controller)
@@ -86,7 +89,7 @@ class StationSetup:
         picks = controller.startswith("pickup")
         if picks:
             world = with_table(scene, table_of(scene, config))
-        pf = build_hod_pf(around_table(world), task.resolution_m, task.margin_m)
+        pf = build_hod_pf(around_table(world).still(), task.resolution_m, task.margin_m)
         pick = None
         if picks:
             from hotice.systems.setup.departure import plan_departure

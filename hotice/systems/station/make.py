@@ -30,8 +30,10 @@ from hotice.systems.sensor_model import SensorModel
 from hotice.systems.setup.config import StationConfig
 from hotice.systems.setup.setup import StationSetup
 from hotice.systems.station.controllers import Sensed, add_controller
+from hotice.systems.station.moving import MoverPoses, MovingGuidance
 from hotice.systems.station.plants import add_plant
 from hotice.systems.visualizer import Visualizer
+from hotice.task.moving import MovingConfig
 from hotice.task.sensing import draw_delays
 
 if TYPE_CHECKING:
@@ -148,6 +150,21 @@ def _check_answered(faults: Sequence[InjectedFault], controller: str) -> None:
             )
 
 
+def _add_fields(builder: DiagramBuilder, setup: StationSetup) -> System:
+    """Adds `guidance_field`, and `mover_poses` where it needs to know what moves."""
+    moving, config = setup.scene.moving, setup.config.moving
+    # a name has become numbers
+    assert isinstance(config, MovingConfig)
+    if not moving or config.known == "still":
+        return _add(builder, "guidance_field", GuidanceFieldSystem(setup.pf, setup.task))
+    live = config.known == "live"
+    fields = _add(builder, "guidance_field", MovingGuidance(setup.pf, moving, setup.task, live))
+    poses = _add(builder, "mover_poses", MoverPoses(moving, config, setup.config.sensing.exact))
+    for name in ("movers", "ways"):
+        connect(builder, poses, name, fields, name)
+    return fields
+
+
 def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any, faults: Sequence[InjectedFault]) -> None:
     _check_answered(faults, setup.controller_name)
     config, dt = setup.config, setup.task.control_dt_s
@@ -164,7 +181,7 @@ def _assemble(builder: DiagramBuilder, setup: StationSetup, meshcat: Any, faults
     connect(builder, *wires.meet("percept", (sensors, "percept")), guard, "percept")
     connect(builder, *wires.meet("stamps", (_add(builder, "now", Now()), "stamps")), guard, "stamps")
     percept = guard, "percept"
-    fields = _add(builder, "guidance_field", GuidanceFieldSystem(setup.pf, setup.task))
+    fields = _add_fields(builder, setup)
     connect(builder, *percept, fields, "percept")
     sensed = Sensed(
         robot_state=measured,

@@ -27,6 +27,11 @@ def add_plant(builder: DiagramBuilder, setup: StationSetup, period_s: float) -> 
     """
     carry, qpos = setup.carry, setup.start_qpos
     if setup.plant_name == "drake":
+        if setup.world.moving:
+            raise NotAvailable(
+                f'scene {setup.scene.name!r}: obstacles that move are simulated by plant="mujoco" alone: choose that '
+                "plant, or a scene without motions"
+            )
         if setup.config.push_m_s or not setup.config.dynamics.nominal:
             raise NotAvailable(
                 'pushes and uncertain dynamics are simulated by plant="mujoco" alone: set push_m_s and dynamics to 0'
@@ -41,7 +46,7 @@ def add_plant(builder: DiagramBuilder, setup: StationSetup, period_s: float) -> 
     ctrl = np.zeros(model.nu) if setup.motors else carry.joint_target
     servo = JointServo.of_model(robot) if setup.motors and not setup.torques else None
     pushed = setup.config.push_m_s > 0
-    plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl, period_s, servo, pushed))
+    plant = builder.AddNamedSystem("plant", MujocoPlant(model, qpos, ctrl, period_s, servo, pushed, setup.world.moving))
     if pushed:
         config = setup.config
         pushes = Pushes(config.push_m_s, config.push_interval_s, setup.task.control_dt_s, config.seed)
