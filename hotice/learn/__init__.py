@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from hotice.lazy import lazy_face
 
 if TYPE_CHECKING:
+    from hotice.learn.branches.config import BranchConfig
+    from hotice.learn.branches.run import BranchedRun
     from hotice.learn.checkpoints.checkpoint import load_checkpoint, read_meta
     from hotice.learn.checkpoints.merge import merge
     from hotice.learn.checkpoints.trained_on import TrainedOn
@@ -19,6 +21,8 @@ else:
     __getattr__, __dir__ = lazy_face(__name__)
 
 __all__ = [
+    "BranchConfig",
+    "BranchedRun",
     "DistillConfig",
     "DistillRunner",
     "FinetuneConfig",

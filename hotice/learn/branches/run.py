@@ -19,6 +19,7 @@ from hotice.learn.branches.rounds import Round, Rounds
 from hotice.learn.branches.rows import Rows, logged
 from hotice.learn.branches.team import MOST_LOSSES, Team, wait_until_unowned
 from hotice.learn.checkpoints.checkpoint import list_checkpoints, read_meta
+from hotice.learn.checkpoints.lineage import own_steps
 from hotice.learn.ppo.dual_ppo import DualPpo
 from hotice.learn.train.config import TrainConfig, write_config
 from hotice.learn.train.fit import check_kind
@@ -62,7 +63,7 @@ class BranchedRun:
             try:
                 check_kind(newest, meta, DualPpo.kind)
                 self.config = checked_options(config, newest, meta)
-                self.update, self.steps, self.minutes = meta["update"], meta["steps"], meta["minutes"]
+                self.update, self.steps, self.minutes = meta["update"], own_steps(meta), meta["minutes"]
             except (KeyError, TypeError) as error:
                 raise CheckpointError(f"{newest}: is no checkpoint of this version: {error}") from None
         self.rounds, self.team = Rounds(self.config), Team(kind, self.config.trials)
@@ -70,6 +71,7 @@ class BranchedRun:
         self.saved: dict[int, int] = {}
         self.lost: dict[int, str] = {}
         self.trying: int | None = None
+        self.over = False
 
     def train(self) -> bool:
         """Runs until the limit of updates or minutes; saves at the end, also when interrupted: then False.
@@ -142,37 +144,36 @@ class BranchedRun:
         with Progress(cfg, self.update, self.steps) as self.progress, stop_on_signals() as self.signalled:
             for words in self.notices:
                 self.progress.note(words)
-            over = False
-            while self.update < cfg.updates and not over:
-                over = self._do_round()
+            while self.update < cfg.updates and not self.over:
+                self._do_round()
                 if not self.signalled.is_set():
                     self._ask_for_trials()
             while self.trying is not None and not self.signalled.is_set():
                 self._hear()
         return not self.signalled.is_set()
 
-    def _do_round(self) -> bool:
-        """Trains a round, or as much of it as there is time for; True where the run is over."""
+    def _do_round(self) -> None:
+        """Trains a round, or as much of it as there is time for; sets `over` where that is all."""
         while not all(branch.ready for branch in self.team.branches):
             if self.signalled.is_set():
-                return True
+                self.over = True
+                return
             self._hear()
         each = self.config.num_envs * self.config.ppo.steps
         self.rows, self.saved, self.lost = Rows(self.round.update, self.round.steps, each), {}, {}
-        end = max(self.round.update + self.config.split.updates(each), *(b.update for b in self.team.branches))
+        # with other options than before, a branch may be further already
+        end = max([self.round.update + self.config.split.updates(each), *(b.update for b in self.team.branches)])
         for branch in self.team.branches:
             self._go(branch, min(end, self.config.updates))
-        over = False
-        while working := self.team.working():
+        while self.team.working():
             self._hear()
-            if not over and (self.signalled.is_set() or self._late()):
-                over = True
-                for branch in working:
+            if not self.over and (self.signalled.is_set() or self._late()):
+                self.over = True
+                for branch in self.team.working():
                     branch.tell(Stop())
         if self.signalled.is_set():
             self.progress.note("asked to stop: saving")
         self._close(end)
-        return over
 
     def _go(self, branch: BranchProcess, until: int) -> None:
         """Sends a branch off; what it did of this round before it was started is in its log."""
@@ -251,6 +252,10 @@ class BranchedRun:
             self.lost[number] = how
             self.rows.leave_out(number)
             words = f"branch {number} was lost ({how}): left out of the next average"
+        if self.over:
+            self.team.leave(branch)
+            self.progress.note(words)
+            return
         if branch.losses > MOST_LOSSES:
             self.team.leave(branch)
             self.progress.note(f"{words}; lost {branch.losses} times in a row, it is left alone until --resume")
