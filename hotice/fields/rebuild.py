@@ -47,8 +47,13 @@ class Rebuilder:
 
         def geodesic(margin_m: float) -> Geodesic:
             boxes = changed_boxes(changed, margin_m, grid.resolution_m)
-            searches = self._searches.get(margin_m) or no_searches(grid.size)
-            distance, slope, self._searches[margin_m] = solve_again(space, margin_m, scene.goal_W, searches, boxes)
+            searches = self._searches.pop(margin_m, None) or no_searches(grid.size)
+            # what a lone obstacle hides is all behind it: wherever it goes, no search would be found again
+            alone = len(scene.obstacles) < 2
+            searches = no_searches() if alone else searches
+            distance, slope, searches = solve_again(space, margin_m, scene.goal_W, searches, boxes)
+            if not alone:
+                self._searches[margin_m] = searches
             return distance, slope
 
         nodes = solve_space(space, grid, self._margins_m, geodesic, self._threads)

@@ -80,6 +80,23 @@ def test_what_comes_back_to_a_place_is_found_again():
         expect_fresh(rebuilder, scene([obstacle]))
 
 
+def test_a_lone_obstacle_is_joined_by_others():
+    post = Obstacle("post", "side", CylinderShape(0.12, 1.4), (1.0, 0.1, 0.7))
+    ball = Obstacle("ball", "side", SphereShape(0.1), (0.6, 0.3, 0.8))
+    rebuilder, kept = Rebuilder(H, MARGINS), []
+    for obstacles in (
+        [post],
+        [post, ball],
+        [replace(post, position_m=(1.1, 0.1, 0.7)), ball],
+        [ball],
+        [],
+        [ball, post],
+    ):
+        expect_fresh(rebuilder, scene(obstacles))
+        kept.append(searched(rebuilder) > 0)
+    assert kept == [False, True, True, False, False, True]
+
+
 def searched(rebuilder):
     return sum(int(kept.count[0]) for kept in rebuilder._searches.values())
 
