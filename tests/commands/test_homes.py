@@ -36,7 +36,7 @@ LINES = {
     "pipeline": "pipeline small.yaml",
     "pickup": "pickup --help",
     "pickup plan": "pickup plan --count 1 --out picks.npz",
-    "pickup distill": f"pickup distill {PICKING} --aggregate 1 --out picker",
+    "pickup distill": f"pickup distill {PICKING} --aggregate 1 --out picked",
     "pickup train": f"pickup train {PICKING} --init picker --out better",
     "pickup evaluate": f"pickup evaluate --policy picker --picks {BOOK} --rollouts 1 --threads 1",
     "evaluate": "evaluate --policy student --scenes open_floor --rollouts 1 --threads 1 --horizon-s 1.0 --out r.json",
@@ -192,7 +192,10 @@ def run_line(line, folder, environment, door="hotice"):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """Function: the folder of a training that was made before."""
-    folder, lines = tmp_path_factory.mktemp("made"), {"run": TRAIN, "picker": LINES["pickup distill"]}
+    folder, lines = (
+        tmp_path_factory.mktemp("made"),
+        {"run": TRAIN, "picker": LINES["pickup distill"].replace("picked", "picker")},
+    )
 
     def find(name):
         if name == "other":

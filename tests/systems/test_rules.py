@@ -42,7 +42,12 @@ def told(station, state):
     data.qpos[:], data.qvel[:] = stage.start(state, 0.0)
     mujoco.mj_forward(stage.model, data)
     report = report_hand_over(station, logs)
-    return judge(station, state[None, :43]), report.failure, Referee(station)(state), VERDICTS[stage.verdict(data)]
+    return (
+        judge(station, np.zeros(1), state[None, :43]),
+        report.failure,
+        Referee(station)(state),
+        VERDICTS[stage.verdict(data)],
+    )
 
 
 def test_a_valid_carry_state_is_a_fall_nowhere(crouching):

@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -19,6 +19,7 @@ from typing import Any
 
 import torch
 
+from hotice.errors import OutputError
 from hotice.failures import mendable
 from hotice.files import make_folder, output_file
 from hotice.learn.branches.messages import Answer, Begin, Failed, Go, Ready, Report, Saved, Stop, Tried, Try
@@ -34,6 +35,8 @@ from hotice.learn.train.trials import Trials
 from hotice.learn.train.ways_picture import ways_figure
 from hotice.owner import sole_owner
 
+PATIENCE_S, POLL_S = 60.0, 0.2
+"""Time that a process has to save and end; how often it is looked for what others do [s]."""
 PRINTED = "log.txt"
 """What the process prints, in the branch's folder."""
 BRANCH = "branch"
@@ -49,7 +52,10 @@ def run_branch(kind: Kind, config: TrainConfig, link: Connection, trials: int) -
     if config.device.startswith("cuda:"):
         torch.cuda.set_device(config.device)
     try:
-        with sole_owner(config.out):
+        with owned_when_free(config.out):
+            # nothing is said before this branch is ready: the run has gone while this process was starting
+            if link.poll():
+                return
             Branch(kind(config), link, trials).serve()
     except Exception as error:
         known = mendable(error, "train")
@@ -59,6 +65,25 @@ def run_branch(kind: Kind, config: TrainConfig, link: Connection, trials: int) -
         with contextlib.suppress(OSError):  # nobody is there to be told
             link.send(Failed(words=str(known)))
         sys.exit(2)
+
+
+@contextlib.contextmanager
+def owned_when_free(folder: Path) -> Iterator[None]:
+    """Owns a branch's folder as soon as one of a run that was killed, which saves and ends by itself, lets go of it.
+
+    Raises `OutputError`.
+    """
+    deadline = time.monotonic() + PATIENCE_S
+    with contextlib.ExitStack() as stack:
+        while True:
+            try:
+                stack.enter_context(sole_owner(folder))
+                break
+            except OutputError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(POLL_S)
+        yield
 
 
 class Branch:

@@ -6,15 +6,13 @@ import contextlib
 import multiprocessing
 import signal
 
-from hotice.learn.branches.branch import PRINTED, Kind, run_branch
+from hotice.learn.branches.branch import PATIENCE_S, PRINTED, Kind, run_branch
 from hotice.learn.branches.messages import Answer, Failed, Order
 from hotice.learn.train.config import TrainConfig
 from hotice.learn.train.signals import without_ctrl_c
 
 START = "spawn"
 """Way in which processes are started."""
-PATIENCE_S = 60.0
-"""Time that a process has to save and end before it is killed."""
 
 
 class BranchProcess:

@@ -8,13 +8,12 @@ from multiprocessing.connection import wait
 from pathlib import Path
 
 from hotice.errors import HoticeError, OutputError
-from hotice.learn.branches.branch import Kind
+from hotice.learn.branches.branch import PATIENCE_S, POLL_S, Kind
 from hotice.learn.branches.messages import Answer, Ready, Saved
-from hotice.learn.branches.process import PATIENCE_S, BranchProcess
+from hotice.learn.branches.process import BranchProcess
 from hotice.learn.train.config import TrainConfig
 from hotice.owner import check_unowned
 
-POLL_S = 0.2
 MOST_LOSSES = 3
 """A branch that died so often without a finished round in between is left alone."""
 

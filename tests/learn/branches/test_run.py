@@ -14,7 +14,7 @@ import torch
 
 from hotice.commands.program import main
 from hotice.errors import CheckpointError, HoticeError, InvalidConfig, OutputError
-from hotice.learn.branches import process
+from hotice.learn.branches import branch, process
 from hotice.learn.branches import run as branches
 from hotice.learn.branches.config import BranchConfig
 from hotice.learn.branches.each import SEED_STRIDE, anew_config, first_config
@@ -25,6 +25,7 @@ from hotice.learn.checkpoints.checkpoint import list_checkpoints, load_checkpoin
 from hotice.learn.checkpoints.merge import merge
 from hotice.learn.distill.config import DistillConfig
 from hotice.learn.train.runner import Runner
+from hotice.owner import sole_owner
 from tests.learn.branches import kinds
 
 pytestmark = pytest.mark.slow
@@ -265,3 +266,35 @@ def test_a_pick_up_is_trained_and_resumed_so_too(tmp_path):
     meta = load_checkpoint(tmp_path / "better")[1]
     assert meta["steps"] == 2 * 2 * 16 and meta["config"]["init"] == student
     assert main(["pickup", "distill", *small, "--branches", "2", "--out", str(tmp_path / "none")]) == 2
+
+
+def hold(folder, held, seconds):
+    with sole_owner(folder):
+        held.set()
+        time.sleep(seconds)
+
+
+def test_a_branch_waits_for_one_of_a_killed_run_and_gives_up_after_a_while(tmp_path, monkeypatch):
+    context = multiprocessing.get_context("forkserver")
+    held = context.Event()
+    other = context.Process(target=hold, args=(tmp_path, held, 1.0))
+    other.start()
+    assert held.wait(60.0)
+    monkeypatch.setattr(branch, "PATIENCE_S", 0.0)
+    with pytest.raises(OutputError, match="is at work in it"), branch.owned_when_free(tmp_path):
+        pass
+    monkeypatch.setattr(branch, "PATIENCE_S", 60.0)
+    with branch.owned_when_free(tmp_path), pytest.raises(OutputError), sole_owner(tmp_path):
+        pass
+    other.join()
+
+
+def test_a_branch_whose_run_is_gone_before_it_begins_does_nothing(tiny, tmp_path):
+    context = multiprocessing.get_context("forkserver")
+    ours, theirs = context.Pipe()
+    ours.close()
+    # what would be made of the configuration is no runner
+    late = context.Process(target=branch.run_branch, args=(int, tiny(tmp_path), theirs, 0))
+    late.start()
+    late.join(60.0)
+    assert late.exitcode == 0 and list_checkpoints(tmp_path) == []

@@ -100,7 +100,7 @@ def test_a_run_that_was_killed_ends_like_one_that_was_not(command, processes, ru
 
 def test_branches_that_lost_their_run_save_and_go_on_like_ones_that_did_not(processes, tiny_options, tmp_path):
     """The run is killed in the middle of a round; its branches end by themselves, and the next one waits for them."""
-    argv = ["train", *tiny_options, *SMALL, "--branches", "2", "--merge-every", str(3 * 16), "--outer-momentum", "0.5"]
+    argv = ["train", *tiny_options, *SMALL, "--branches", "2", "--merge-every", str(2 * 16), "--outer-momentum", "0.5"]
     argv += ["--updates", str(2 * UPDATES), "--resume"]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert main([*argv, "--out", str(whole)]) == 0
