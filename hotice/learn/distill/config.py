@@ -9,6 +9,7 @@ from typing import ClassVar
 from hotice import checks
 from hotice.checks import Range
 from hotice.errors import InvalidConfig
+from hotice.learn.branches.config import BranchConfig  # noqa: F401 - the reference looks inherited types up here
 from hotice.learn.ppo.config import PpoConfig
 from hotice.learn.train.config import TrainConfig
 from hotice.task.config import TaskConfig
