@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hotice.control.controller import Measurement
 from hotice.control.pick_plan import Planner, Support
-from hotice.control.pickup.config import PickupConfig
+from hotice.control.pickup.config import PickupConfig, squeeze_of
 from hotice.control.pickup.footwork import Departure
 from hotice.control.pickup.memory import PickupMemory
 from hotice.control.pickup.phased import Phased, configuration
@@ -54,8 +54,7 @@ class Pickup(Phased):
         self.carry = self.planner.carry
         self.start_q = self.planner.start_q
         self.expected = self.planner.plan(self.start_q, p_GO, quat_GO)
-        low, high = self.config.squeeze_n
-        self.squeeze_n = low + (high - low) * min(carried.mass_kg / 3.5, 1.0)
+        self.squeeze_n = squeeze_of(self.config.squeeze_n, carried.mass_kg)
         self._qp = WholeBodyQp(self.planner.wrist_pos, qp)
         self._ref = ref = Terms(self.planner.wrist_pos)
         true = self._qp.terms

@@ -1,4 +1,4 @@
-"""Steps with an object in the hands, on a course known from the start: back, and turning.
+"""Steps with an object in the hands, on a course known from the start: back and turning, or to a stance nearby.
 
 The zero-moment point rests under the standing foot while the other swings and moves over while both stand; the centre
 of mass is the only course p = c − (h/g) c̈ that has it and stays bounded, solved as one banded system. The body moves
@@ -9,6 +9,7 @@ zero-moment point, 2003.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,6 +144,15 @@ def ease(share: float) -> float:
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Goal:
+    """After a pair of steps: feet (2, 4), centre of mass (2,) at rest over them [m], turn of the body [rad]."""
+
+    feet: Array
+    com: Array
+    turn_rad: float
+
+
 def plan_steps(feet: Array, com: Array, height_m: float, departure: Departure) -> Course:
     """Course of stepping back along the heading of the feet and turning.
 
@@ -154,21 +164,47 @@ def plan_steps(feet: Array, com: Array, height_m: float, departure: Departure) -
     yaw = float(feet[:, 3].mean())
     ahead = np.array([math.cos(yaw), math.sin(yaw)])
     middle = feet[:, :2].mean(axis=0) + SOLE_AHEAD_M * ahead
-    now, swings, t = feet.copy(), [], FIRST_S
-    times, zmp, turns, end = [0.0, 0.3 * FIRST_S], [com, com], [(0.0, 0.0), (FIRST_S, 0.0)], com
-    order = (1, 0) if departure.turn_rad < 0 else (0, 1)  # the foot on the inner side opens the turn
+    goals = []
     for back, turn in departure.stances():
         R, to = _turned(turn), middle - back * ahead
         goal = np.column_stack([to + (feet[:, :2] - middle) @ R.T, feet[:, 2], feet[:, 3] + turn])
-        end = to + R @ (com - middle)
+        goals.append(Goal(feet=goal, com=to + R @ (com - middle), turn_rad=turn))
+    return course_through(feet, com, height_m, goals)
+
+
+def plan_approach(feet: Array, com: Array, height_m: float, end: Goal) -> Course:
+    """Course to a stance nearby, in as many pairs of equal steps as it takes: to where the feet of `end` are.
+
+    Args: as of `plan_steps`. The first pair of steps has the feet as they stand to each other in the end.
+    """
+    to, yaws = end.feet[:, :2].mean(axis=0), np.array([feet[:, 3].mean(), end.feet[:, 3].mean()])
+    middle = feet[:, :2].mean(axis=0)
+    ways = (np.linalg.norm(to - middle) / STEP_M, abs(yaws[1] - yaws[0]) / STEP_RAD, abs(end.turn_rad) / STEP_RAD)
+    count = max(math.ceil(max(ways) - 1e-9), 1)
+    goals = []
+    for share in np.arange(1, count + 1) / count:
+        back = (1.0 - share) * (yaws[0] - yaws[1])
+        at, R = to + (1.0 - share) * (middle - to), _turned(back)
+        placed = np.column_stack([at + (end.feet[:, :2] - to) @ R.T, end.feet[:, 2], end.feet[:, 3] + back])
+        goals.append(Goal(feet=placed, com=at + R @ (end.com - to), turn_rad=share * end.turn_rad))
+    return course_through(feet, com, height_m, goals)
+
+
+def course_through(feet: Array, com: Array, height_m: float, goals: Sequence[Goal]) -> Course:
+    """Course of a pair of steps to each of `goals`; the foot on the inner side opens a turn."""
+    now, swings, t = feet.copy(), [], FIRST_S
+    times, zmp, turns, end = [0.0, 0.3 * FIRST_S], [com, com], [(0.0, 0.0), (FIRST_S, 0.0)], com
+    order = (1, 0) if goals and goals[-1].turn_rad < 0 else (0, 1)
+    for goal in goals:
+        end = goal.com
         for foot in order:
             stance = now[1 - foot, :2] + _turned(now[1 - foot, 3]) @ [SOLE_AHEAD_M, INWARD_M * (1 - 2 * foot)]
-            swings.append(Swing(begin_s=t, foot=foot, start=now[foot].copy(), end=goal[foot]))
+            swings.append(Swing(begin_s=t, foot=foot, start=now[foot].copy(), end=goal.feet[foot]))
             times += [t, t + SWING_S]
             zmp += [stance, stance]
-            now[foot] = goal[foot]
+            now[foot] = goal.feet[foot]
             t += SWING_S + BOTH_S
-        turns.append((t - BOTH_S, turn))
+        turns.append((t - BOTH_S, goal.turn_rad))
     times += [t - BOTH_S + 0.5 * LAST_S, t - BOTH_S + LAST_S]
     zmp += [end, end]
     grid = np.arange(0.0, times[-1] + 1e-9, GRID_S)
