@@ -2,10 +2,10 @@
 
     python -m benchmarks.putdown [--shape box|cylinder|sphere] [--count 50] [--seed 0]
 
-The robot holds an object as a pick-up leaves it (`benchmarks.pickup`: the same objects, supports and noise) and stands
-up to 10 cm and 10 degrees from where the plan has its feet, farther back by 5 to 15 cm. Success: the object stands within
-5 cm of its place and within 10 degrees of upright, the hands are 3 cm and more off it, and the robot has stood for 2 s.
-Failures are listed by cause.
+The robot holds an object as a pick-up leaves it (`benchmarks.pickup`: same objects, supports and noise) and stands
+up to 10 cm and 10 degrees from where the plan has its feet, farther back by 5 to 15 cm. Success: the object stands
+within 5 cm of its place and within 10 degrees of upright, the hands are 3 cm and more off it, and the robot has stood
+for 2 s. Failures are listed by cause.
 """
 
 from __future__ import annotations
@@ -153,10 +153,9 @@ def main() -> None:
         console.print(f"  {count} x {cause}")
     if good:
         off = 100 * np.array([r.off_m for r in good])
-        console.print(
-            f"  {off.mean():.1f} cm off in the mean, at most {off.max():.1f} cm; "
-            f"{np.mean([r.seconds for r in good]):.1f} s each, {sum(r.faults for r in results)} faults of the solver; wall {time.perf_counter() - begin:.0f} s"
-        )
+        seconds, faults = np.mean([r.seconds for r in good]), sum(r.faults for r in results)
+        console.print(f"  {off.mean():.1f} cm off in the mean, at most {off.max():.1f} cm; {seconds:.1f} s each")
+        console.print(f"  {faults} faults of the solver; wall {time.perf_counter() - begin:.0f} s")
 
 
 if __name__ == "__main__":

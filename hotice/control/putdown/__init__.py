@@ -1,8 +1,8 @@
 """Putting an object down on a support: a pick-up's plan run backwards, over the whole-body QP.
 
-settle (-> approach) -> raise (-> ahead, where the support was in the way) -> adjust -> lower -> unload -> let_go ->
-open -> withdraw -> rise -> done. The robot stands anywhere near with the object in its hands; feet that are not where
-the plan has them step there. What goes wrong before the object stands ends in `abort`: hands off, standing.
+catch -> settle (-> approach) -> raise (-> ahead, where the support was in the way) -> adjust -> lower -> unload ->
+let_go -> open -> withdraw -> rise -> done. The robot stands, or marches on the spot, anywhere near with the object in
+its hands; feet that are not where the plan has them step there. What goes wrong before the object stands ends in `abort`: hands off, standing.
 """
 
 from typing import TYPE_CHECKING

@@ -15,7 +15,7 @@ class PutDownConfig:
 
     rate_hz: float = PickupConfig.rate_hz
     """Control rate."""
-    settle_s: float = 1.0
+    settle_s: float = 1.5
     """Time in which the body comes over the feet."""
     raise_s: float = Durations.retreat_s
     adjust_s: float = 1.0

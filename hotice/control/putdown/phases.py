@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hotice.control.controller import Measurement
 from hotice.control.pick_plan import PickPlan
 from hotice.control.pickup import stepping
-from hotice.control.pickup.footwork import Goal, ease
+from hotice.control.pickup.footwork import SOLE_AHEAD_M, Feet, Goal, ease
 from hotice.control.pickup.machine import Machine
 from hotice.control.pickup.memory import Motion, PickupMemory
 from hotice.control.putdown.config import PutDownConfig
@@ -19,7 +19,11 @@ from hotice.model import g1
 from hotice.model.frames import yaw_from_quat
 
 Array = NDArray[np.float64]
-HOLDING = ("settle", "approach", "raise", "ahead", "adjust", "lower")
+FALL_M_S, CATCH_S = 0.3, 0.6
+"""Speed at which a foot in the air comes down, and the longest time for it."""
+PLANTED_N, PLANTED_M = 30.0, 0.01
+"""A foot stands that feels so much; where nothing is felt, one whose ankle is so near to its height on the floor."""
+HOLDING = ("catch", "settle", "approach", "raise", "ahead", "adjust", "lower")
 """Phases in which a hand that feels too little has lost the object."""
 
 
@@ -56,12 +60,31 @@ class Phases(Machine):
             memory.failure = f"lost the object in {memory.phase}"
             self.enter(memory, m, "open", memory.failure)
 
+    def _catch(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        """Lowers a foot that is in the air where it is, until the floor is felt."""
+        feet, (z, _) = memory.feet.copy(), self._feet[:, 2]
+        feet[:, 2] = np.maximum(feet[:, 2] - FALL_M_S * elapsed, z - stepping.SEARCH_M)
+        velocity = np.zeros((2, 4))
+        velocity[:, 2] = np.where(feet[:, 2] > z - stepping.SEARCH_M, -FALL_M_S, 0.0)
+        motion.feet = Feet(pose=feet, velocity=velocity, air=-1, landed=-1)
+        memory.air &= ~planted(m, stepping.ankles(self._true)[:, 2] - z)
+        if not memory.air.any() or elapsed >= CATCH_S:
+            memory.goal = self._carried_here(memory)
+            self.enter(memory, m, "settle")
+
     def _settle(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
+        """Comes into the carry state over the feet, wherever they are."""
+        memory.reference = self.along([memory.came_from, memory.goal], elapsed / self.config.settle_s)
         if elapsed >= self.config.settle_s:
-            memory.reference = _shifted(memory.came_from, memory.shift)
             self._step_to_the_support(memory, m)
-            return
-        memory.reference = _shifted(memory.came_from, ease(elapsed / self.config.settle_s) * memory.shift)
+
+    def _carried_here(self, memory: PickupMemory) -> Array:
+        """The carry state (27,), turned as the body is, its centre of mass in the middle of the soles."""
+        yaw = float(yaw_from_quat(np.roll(memory.reference[g1.ROOT_QUAT], 1)))
+        feet = stepping.ankles(self._true)
+        ahead = np.array([np.cos(feet[:, 3]), np.sin(feet[:, 3])]).T
+        middle = (feet[:, :2] + SOLE_AHEAD_M * ahead).mean(axis=0)
+        return stepping.moved(self._carry[0], self._com, middle - self._com, yaw)
 
     def _step_to_the_support(self, memory: PickupMemory, m: Measurement) -> None:
         """Steps to where the plan has the feet, unless they are there."""
@@ -163,6 +186,13 @@ class Phases(Machine):
             self.enter(memory, m, "abort" if memory.failure else "done", memory.failure)
 
 
+def planted(m: Measurement, above_m: Array) -> NDArray[np.bool_]:
+    """Which feet stand (2,); above_m (2,): of the ankles over where they are on the floor."""
+    if m.foot_force_W is None:
+        return above_m < PLANTED_M
+    return np.linalg.norm(m.foot_force_W, axis=1) >= PLANTED_N
+
+
 def _shifted(q: Array, shift: Any) -> Array:
     """The configuration (27,) with its root moved by (3,)."""
     out = q.copy()
@@ -171,6 +201,7 @@ def _shifted(q: Array, shift: Any) -> Array:
 
 
 Phases.STEPS = {
+    "catch": Phases._catch,
     "settle": Phases._settle,
     "approach": Phases._approach,
     "raise": Phases._raise,
