@@ -1,6 +1,7 @@
 """What is decided about a station before its diagram: all of it, once, and the station shows the same."""
 
 from dataclasses import FrozenInstanceError, fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hotice.control.pickup.footwork import Departure
 from hotice.errors import InvalidConfig, MissingExtra
 from hotice.model import Scene
 from hotice.systems import Station, StationConfig, make_station
-from hotice.systems.setup.setup import CONTROLLERS, StationSetup
+from hotice.systems.setup.setup import CONTROLLERS, PICKING, StationSetup
 
 ATTRIBUTES = (
     *(
@@ -24,7 +25,7 @@ ATTRIBUTES = (
         "task",
         "physics_dt_s",
     ),
-    *("carry", "pf", "pick", "robot", "start_qpos"),
+    *("carry", "pf", "pick", "put", "robot", "start_qpos"),
 )
 """Names of the station that are used from outside; `walk_plan` beside."""
 
@@ -55,19 +56,22 @@ def test_who_commands_torques(plant, controller, monkeypatch):
     """Model-based controllers always; the policy's servo only in the Drake plant, and only where it is one."""
     monkeypatch.setattr("hotice.systems.setup.pick.plan_pick", lambda *_: PICKED)
     monkeypatch.setattr("hotice.systems.setup.departure.plan_departure", lambda *_: Departure())
+    monkeypatch.setattr("hotice.systems.setup.put.plan_put", lambda *_: PICKED)
+    picks, job = controller in PICKING, controller == "job"
     for servo in ("pd", "motor"):
         setup = StationSetup.decide(StationConfig(servo=servo), plant, controller)
         based = controller not in ("policy", "hold")
         assert setup.motors == (based or servo == "pd")
         assert setup.torques == (based or (servo == "pd" and plant == "drake"))
-        assert [o.name for o in setup.world.obstacles] == ["support"] * controller.startswith("pickup")
-        assert setup.pick is (PICKED if controller.startswith("pickup") else None)
+        assert [o.name for o in setup.world.obstacles] == ["support"] * picks + ["goal_support"] * job
+        assert setup.pick is (PICKED if picks else None) and setup.put is (PICKED if job else None)
         trained = (plant, controller, servo) == ("mujoco", "policy", "motor")
         assert setup.physics_dt_s == (0.005 if based or trained else 0.002)
 
 
 class Picked:
     carry = "the carry state at the end"
+    controller = SimpleNamespace(planner=SimpleNamespace(above_m=0.05))
     qpos = np.arange(34.0)
 
 
