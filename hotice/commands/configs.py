@@ -69,6 +69,9 @@ class PlayConfig:
     delays."""
     protocol: Literal["robot", "paper"] | None = None
     """Physics and perturbations as in `hotice evaluate` (default: robot); of controller `policy` alone."""
+    moving: Literal["still", "near", "live"] = "near"
+    """What controller `policy` knows of obstacles that move, in scenes that have some, as in `hotice evaluate`:
+    `still`, nothing; `near`, distances and repulsion; `live`, also the ways that are open."""
     failures_first: bool = True
     """Lists failures before successes, by cause; otherwise scene by scene."""
     view: bool = False
@@ -97,6 +100,11 @@ class PlayConfig:
                 f"protocol is {self.protocol!r} and controller {self.controller!r}, which has its own physics: "
                 "leave it out"
             )
+        if self.moving != "near" and self.controller != "policy":
+            raise InvalidConfig(
+                f"moving is {self.moving!r} and controller {self.controller!r}, which knows nothing that moves: "
+                "leave it out"
+            )
         if not self.scenes:
             raise InvalidConfig("no scenes: at least one name, file or folder is needed")
         checks.whole("rollouts", self.rollouts, Range(least=1, most=100))
@@ -110,6 +118,10 @@ class PlayConfig:
     def _check_view(self) -> None:
         if self.controller != "policy":
             raise InvalidConfig(f"controller is {self.controller!r}: a live view shows a policy, leave it or view out")
+        if self.moving != "near":
+            raise InvalidConfig(
+                f"moving is {self.moving!r}: a live view's fields follow what moves, leave it or view out"
+            )
         for each in fields(self):
             value = getattr(self, each.name)
             if each.name not in VIEWED and value != each.default:

@@ -16,6 +16,7 @@ from hotice.progress import counted, counting
 from hotice.replay import RolloutRecord, write_html, write_overview
 from hotice.replay.video import check_film, film_frames, write_video
 from hotice.sim.carry_bank import CarryBank
+from hotice.task.moving import MovingConfig
 
 
 def play(config: PlayConfig) -> list[RolloutRecord]:
@@ -33,7 +34,9 @@ def play(config: PlayConfig) -> list[RolloutRecord]:
     if config.controller == "policy":
         policy = load_policy(config.policy)
         states = CarryBank.sample(ObjectRange(), config.rollouts, config.seed, 0.005, torch.device("cpu")).states
-        asked = Conditions(protocol=config.protocol or "robot", perturbed=config.perturbed)
+        asked = Conditions(
+            protocol=config.protocol or "robot", perturbed=config.perturbed, moving=MovingConfig(known=config.moving)
+        )
         records = [r for scene in watched for r in record_rollouts(policy, scene, states, asked, seed=config.seed)]
     else:
         from hotice.commands.play_station import record_stations

@@ -124,6 +124,11 @@ class Velocity:
     v_W: Vec3
     yaw_rate_rad_s: float
 
+    @property
+    def fastest(self) -> float:
+        """The larger of speed [m/s] and turning rate [rad/s]."""
+        return max(float(np.linalg.norm(self.v_W)), abs(self.yaw_rate_rad_s))
+
 
 @dataclass(frozen=True)
 class Scene:

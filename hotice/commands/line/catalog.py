@@ -29,6 +29,7 @@ COMMANDS: Groups = {
                 "hotice play --policy student --scene beam --out beam.html",
                 "hotice play --scene pillars --rollouts 4 --video pillars.mp4",
                 "hotice play --controller pickup_then_policy --scene beam --out pickup.html",
+                "hotice play --scene moving20/17_oncoming --moving live",
                 "hotice play --view --scene pillars",
             ),
         ),

@@ -11,11 +11,12 @@ import numpy as np
 
 from hotice.deploy.log.reader import Log, read_log
 from hotice.deploy.programs.options import RunnerOptions
-from hotice.deploy.programs.prepare import Prepared, estimator_of, prepare
+from hotice.deploy.programs.prepare import Prepared, around_of, estimator_of, prepare
 from hotice.deploy.recording.runner_log import kinds, width
 from hotice.deploy.runner.runner import RobotRunner
+from hotice.deploy.runner.ways import ToldWays
 from hotice.deploy.sources.protocol import Received, SourceCounts
-from hotice.deploy.sources.records import PoseSample, TagSample
+from hotice.deploy.sources.records import MoverSample, PoseSample, TagSample
 from hotice.errors import InputError
 from hotice.model.scene_digest import scene_digest
 from hotice.policy import PolicyTask
@@ -87,27 +88,37 @@ def prepared_again(log: Log, folder: str | Path, say: Callable[[str], None]) -> 
     for what, digest in digests(made).items():
         if then[what] != digest:
             raise InputError(f"{folder}: the {what} is another one than when the log was written")
-    if dict(log.kinds) != kinds(width(made.policy)):
+    if dict(log.kinds) != kinds(width(made.policy), bool(made.moving)):
         raise InputError(f"{folder}: the log is of another version of hotice")
     return options, made
 
 
 def digests(made: Prepared) -> dict[str, str]:
     """Fingerprints of policy and scene."""
-    return {"policy": str(made.policy.meta["sha256"]), "scene": scene_digest(made.pf.scene)}
+    return {"policy": str(made.policy.meta["sha256"]), "scene": scene_digest(made.scene)}
 
 
 def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, float | None]:
     """Targets in the log, how many of them come out the same, and the time of the first that do not."""
     clock, poses, tags = _ToldClock(), _Told(PoseSample.decode), _Told(TagSample.decode)
+    movers, ways = _Told(MoverSample.decode), ToldWays(made.pf, made.moving)
     status: list[np.ndarray] = []
     put: list[np.ndarray] = []
     estimator = estimator_of(made, poses, tags, options.pose_latency_s, options.tags_latency_s)
     runner = RobotRunner(
-        made.policy, made.pf, made.carry, estimator, lambda: status[-1], lambda t: put.append(t.copy()), clock
+        made.policy,
+        made.pf,
+        made.carry,
+        estimator,
+        lambda: status[-1],
+        lambda t: put.append(t.copy()),
+        clock,
+        around_of(made, movers, ways if options.moving == "live" else None),
     )
     runner.warm()
     told = {source: _by_time(log, name) for source, name in ((poses, "pose"), (tags, "tags"))}
+    told |= {movers: _by_time(log, "movers")} if made.moving else {}
+    built = _by_time(log, "ways") if made.moving else {}
     targets = _by_time(log, "targets")
     same, first = 0, None
     for time_s, record in zip(*log.entries["status"], strict=True):
@@ -116,6 +127,8 @@ def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, 
         for source, entries in told.items():
             if (entry := entries.get(time_s)) is not None:
                 source.tell(entry)
+        if (entry := built.get(time_s)) is not None:
+            ways.tell(entry["poses"][: int(entry["count"])], float(entry["measured_s"]))
         runner.tick()
         logged = targets.get(time_s)
         if (logged is None) == (not put) and (logged is None or logged.tobytes() == put[0].tobytes()):
