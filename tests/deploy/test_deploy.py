@@ -62,6 +62,8 @@ STATE_MS = 40.0
         {"box": (0.3, 0.3, 0.25, 0.0)},
         {"pose_latency_s": 1.0},
         {"tags_latency_s": -1.0},
+        {"moving": "still"},
+        {"movers_port": 0},
         {"release_held": True},
         {"robot": "g1", "interface": "eth0", "map": Path("map.pcd"), "release_held": True, "dry_run": True},
     ],
