@@ -2,7 +2,8 @@
 
 catch -> settle (-> approach) -> raise (-> ahead, where the support was in the way) -> adjust -> lower -> unload ->
 let_go -> open -> withdraw -> rise -> done. The robot stands, or marches on the spot, anywhere near with the object in
-its hands; feet that are not where the plan has them step there. What goes wrong before the object stands ends in `abort`: hands off, standing.
+its hands; feet that are not where the plan has them step there. What goes wrong before the object stands ends in
+`abort`: hands off, standing.
 """
 
 from typing import TYPE_CHECKING

@@ -17,7 +17,7 @@ from hotice.control.pickup.tracking import Tracking
 from hotice.control.putdown.config import PutDownConfig
 from hotice.control.putdown.phases import Phases, planted
 from hotice.control.whole_body.qp import QpConfig, WholeBodyQp
-from hotice.control.whole_body.terms import PELVIS, Terms
+from hotice.control.whole_body.terms import FEET, PELVIS, Terms
 from hotice.errors import PickInfeasible, PutDownInfeasible
 from hotice.model.frames import GRAVITY
 from hotice.model.objects import CarriedObject
@@ -105,8 +105,8 @@ class PutDown(Phased):
     def catches(self, measurement: Measurement) -> bool:
         """Whether it can begin now: a robot that stands, or marches so that its next step would end it.
 
-        No foot is higher than `CATCH_M`, the point in which it would come to rest is between the feet, and it neither
-        leans nor turns nor falls fast.
+        A foot in the air comes down and is no higher than `CATCH_M`, the point in which the robot would come to rest is
+        between its feet, and it neither leans nor turns nor falls fast.
         """
         if not measurement.finite():
             return False
@@ -115,12 +115,14 @@ class PutDown(Phased):
         feet, com = stepping.ankles(t), stepping.com_with(t, load_kg)
         rest = com + t.v_com[:2] * np.sqrt(t.com[2] / GRAVITY)
         soles = feet[:, :2] + SOLE_AHEAD_M * np.column_stack([np.cos(feet[:, 3]), np.sin(feet[:, 3])])
+        above = feet[:, 2] - self._floor_m
         across = soles[0] - soles[1]
         apart = max(float(np.linalg.norm(across)), 1e-6)
         aside, ahead = across / apart, np.array([across[1], -across[0]]) / apart
         off = rest - soles.mean(axis=0)
         return bool(
-            (feet[:, 2] - self._floor_m).max() <= CATCH_M
+            above.max() <= CATCH_M
+            and not ((above > LEAST_AIR_M) & (t.v_WF[FEET, 2] > 0.0)).any()
             and abs(off @ aside) <= ASIDE * apart
             and abs(off @ ahead) <= REST_M
             and APART_M[0] <= apart <= APART_M[1]

@@ -71,8 +71,8 @@ class ModeSelector(LeafSystem):
 
     Outputs `torque` (20,) [N m]; `status` (2,); `mode` (1,): index into `MODES`; `carry_active`, `walk_active`,
     `putdown_active` (1,): 1 while policy, baseline or put-down commands, which rest until then; `verdict`,
-    `walk_verdict` (1,): of the rehearsals, -1 before them; of a job `pickup_active` (1,): 0 when it is over; `fallbacks`
-    (1,): hand-overs that went to the baseline. The mode never goes back. Checked every `period_s`.
+    `walk_verdict` (1,): of the rehearsals, -1 before them; of a job `pickup_active` (1,): 0 when it is over;
+    `fallbacks` (1,): hand-overs that went to the baseline. The mode never goes back. Checked every `period_s`.
     """
 
     def __init__(

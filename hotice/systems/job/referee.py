@@ -34,7 +34,7 @@ HANDS = tuple(f"{side}_wrist_yaw_link" for side in g1.SIDES)
 class JobReferee:
     """Judge of states qpos (34,), qvel (32,) of a station's plant.
 
-    lifted: whether the object has been off its support. least_goal_m: of the root to the goal while it was carried.
+    touched: what touched what, of a collision. lifted: whether the object has been off its support. least_goal_m: of the root to the goal while it was carried.
     away_m, lean_rad, apart_m: of the object at the last look, from its place, from upright, hands off it.
     """
 
@@ -59,6 +59,7 @@ class JobReferee:
         }
         self._hands = [i for i, name in enumerate(of) if name in HANDS]
         self._thing = int(np.flatnonzero(self._object)[0])
+        self._of, self._names, self.touched = of, names, ""
         self.lifted, self.least_goal_m = False, np.inf
         self.away_m = self.lean_rad = self.apart_m = np.nan
 
@@ -89,8 +90,10 @@ class JobReferee:
         for a, b in touched:
             obstacle, other = (a, b) if self._obstacle[a] else (b, a)
             if not self._object[other]:
+                self.touched = f"{self._of[other]} at {self._names[obstacle].removeprefix(builder.OBSTACLE_PREFIX)}"
                 return "robot_collision"
             if not self._free[stage][obstacle]:
+                self.touched = f"object at {self._names[obstacle].removeprefix(builder.OBSTACLE_PREFIX)}"
                 return "object_collision"
         return ""
 

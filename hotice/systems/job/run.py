@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context, EventStatus
 
 from hotice.systems.hand_over.mode_selector import MODES
 from hotice.systems.job.referee import STAGE_OF, JobReferee
-from hotice.task.rules import STANDS_M, STOOD_S, arrived
+from hotice.task.rules import MOVES_M_S, STANDS_M, STOOD_S, arrived
 
 if TYPE_CHECKING:
     from hotice.systems.station.make import Station
@@ -82,13 +82,13 @@ class _Watch:
         self.failed = self.referee.failure(stage, state[: self._nq], state[self._nq :])
         if stage == "putdown" and now - self._looked >= LOOK_S - 1e-9:
             self._looked = now
-            self._look(now, state[:2])
+            self._look(now, state[:2], float(np.linalg.norm(state[self._nq : self._nq + 3])))
         if self.failed or now - self.stood_since >= STOOD_S - 1e-9:
             return EventStatus.ReachedTermination(self._station, self.failed or "put down")
         return EventStatus.Succeeded()
 
-    def _look(self, now: float, root: np.ndarray) -> None:
-        if not self.referee.placed():
+    def _look(self, now: float, root: np.ndarray, speed_m_s: float) -> None:
+        if not self.referee.placed() or speed_m_s > MOVES_M_S:
             self.stood_since = np.inf
         elif not np.isfinite(self.stood_since) or np.linalg.norm(root - self._stood_at) >= STANDS_M:
             self.stood_since, self._stood_at = now, root.copy()
@@ -129,4 +129,5 @@ def _result(watch: _Watch, time_s: float, failed: str) -> JobResult:
         outcome = failed
     else:
         outcome = "not_taken_over" if arrived(referee.least_goal_m) else "not_arrived"
-    return JobResult(outcome=outcome, why=f"{failed} in {stage}".replace("_", " "), **numbers)
+    why = f"{failed} in {stage}".replace("_", " ")
+    return JobResult(outcome=outcome, why=f"{why}: {referee.touched}" if referee.touched else why, **numbers)

@@ -17,12 +17,12 @@ from hotice.control.pick_plan import Support
 from hotice.control.pickup import Stance
 from hotice.control.putdown import PutDown
 from hotice.errors import InvalidStation, PutDownInfeasible
+from hotice.model import g1
 from hotice.model.frames import quat_from_yaw, quat_rotate
 from hotice.model.geometry.shapes import BoxShape
 from hotice.model.scene import Obstacle, Scene
 from hotice.systems.setup.config import StationConfig
 from hotice.systems.setup.table import TABLE_M, room_for
-from hotice.model import g1
 from hotice.task.rules import arrived
 
 Array = NDArray[np.floating]
