@@ -23,6 +23,7 @@ COMMANDS = (
     "merge",
     "export",
     "play",
+    "watch",
     "tables",
     "benchmark",
     "robot-sim",

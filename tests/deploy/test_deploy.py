@@ -45,8 +45,6 @@ PAGES = int(os.environ.get("HOTICE_PAGES", "1"))
 LONG_S = 300.0
 SINKS_S = 34.0
 """The page's last key has the motors brake."""
-STATE_MS = 40.0
-"""A simulated robot that was later than this once may have had its guard brake."""
 
 
 @pytest.mark.parametrize(
@@ -265,10 +263,9 @@ def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path)
     assert robot.end() == 0
     deploy.process.send_signal(signal.SIGINT)
     assert deploy.end() == 0, deploy.text
-    if load.busy and float(re.search(r"worst (\d+\.\d+) ms", robot.text)[1]) > STATE_MS:
-        assert "state is" in deploy.text
-        pytest.skip("this machine was too busy for 500 steps a second: the guard rightly braked, or might have")
-    late = re.search(r"damping: (state is|targets are) 0\.[01]\d+ s old", deploy.text)
+    # what comes after that is the robot's end, not a late state
+    walked = deploy.text.rpartition("stopped by the operator")[0] or deploy.text
+    late = re.search(r"damping: (state is|targets are) 0\.[01]\d+ s old", walked)
     if load.busy and late:
         pytest.skip(f"this machine was too busy, the guard rightly braked: {late[0]}")
     modes = [line.split(":")[0] for line in deploy.lines if re.search(r"(asked|stopped) by the operator|reached", line)]

@@ -34,6 +34,11 @@ COMMANDS: Groups = {
             ),
         ),
         Entry(
+            "watch",
+            "Show a run that is trained in the browser: its curves, and walks of each new checkpoint.",
+            ("hotice watch runs/first", "hotice watch runs/first --wait --rollouts 6"),
+        ),
+        Entry(
             "scene",
             "Import, show, check, list and generate scenes: see `hotice scene --help`.",
             ("hotice scene list", "hotice scene check beam pillars"),
@@ -73,6 +78,7 @@ COMMANDS: Groups = {
             (
                 "hotice train --scenes open_floor --num-envs 512 --max-minutes 10 --out runs/first",
                 "hotice train --out runs/first --resume --max-minutes 10",
+                "hotice train --scenes bench20 --out runs/seen --view",
                 "hotice train --scenes bench20 --scan --history 5 --perturbed --out runs/second",
             ),
         ),
