@@ -66,7 +66,7 @@ def main(options: RunnerOptions) -> None:
         after = []
         if options.view_port is not None:
             say(stage="live page")
-            view = stack.enter_context(LiveView(made.pf.scene, made.carry.carried, made.policy, port=options.view_port))
+            view = stack.enter_context(LiveView(made.scene, made.carry.carried, made.policy, port=options.view_port))
             after.append(view.after)
             say(text=f"live page: {view.url}")
         logs = kinds(width(made.policy), bool(made.moving))

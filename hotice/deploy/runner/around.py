@@ -27,6 +27,7 @@ class Around:
 
     Attributes:
         fields: with what moves where it is taken to be; before it was seen those of what never moves.
+        poses: where it is taken to be (M, 7), position [m] and quaternion wxyz in W; None before it was seen.
         age_s: since it was seen [s].
         built: the ways that `fields` have; None: those of what never moves.
     """
@@ -35,6 +36,7 @@ class Around:
         self._still, self._tracker, self._ways = still, tracker, ways
         self._shown_s = -np.inf
         self.fields: HodPf | MomentaryPf = still
+        self.poses: Array | None = None
         self.age_s = np.inf
         self.built: Built | None = None
 
@@ -51,7 +53,8 @@ class Around:
                 ways.show(*tracker.newest)
             newest = ways.newest()
             self.built = newest if newest and now_s - newest.measured_s <= OLD_S else None
-        movers = moved(tracker.moving, tracker.poses(now_s))
+        self.poses = tracker.poses(now_s)
+        movers = moved(tracker.moving, self.poses)
         self.fields = momentary_pf(self._still, movers, None if self.built is None else self.built.fields)
 
     def guess(self) -> MomentaryPf:
