@@ -75,6 +75,10 @@ class PickInfeasible(HoticeError):
     """An object that cannot be picked up from where it is; says why."""
 
 
+class PutDownInfeasible(PickInfeasible):
+    """An object that cannot be put down where it was to stand; says why."""
+
+
 class InvalidConfig(HoticeError):
     """A configuration value outside its allowed range."""
 

@@ -61,6 +61,11 @@ def pipeline(config: PipelineConfig) -> int:
 def evaluate(config: EvaluateConfig) -> int:
     """Score a policy, or the walking baseline, with exact collision geometry."""
     _check_names(config.scenes, config.policy)
+    if config.task == "job":
+        from hotice.commands.jobs import evaluate_jobs
+
+        evaluate_jobs(config)
+        return 0
     from hotice.commands.warm import warm_once
     from hotice.evaluate.run import evaluate as run
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +15,9 @@ from hotice.model.object_range import ObjectRange
 from hotice.task.moving import MovingConfig
 
 CONTROLLERS = ("policy", "walk")
+TASKS = ("carry", "job")
+OF_JOBS = ("task", "policy", "scenes", "rollouts", "seed", "out", "perturbed", "shapes", "size_m", "mass_kg")
+"""Options of a whole job."""
 LONGEST_S = 120.0
 PAPER_S = 5.0
 """Time limit of the paper's trials."""
@@ -24,6 +27,10 @@ PAPER_S = 5.0
 class EvaluateConfig:
     """One evaluation."""
 
+    task: Literal["carry", "job"] = "carry"
+    """`carry`: from a carry state to the goal. `job`: the whole job, picked up from a support at the start, carried, put
+    down on a support at the goal; its trials run one after another in the Drake station (needs the extra `drake`), and
+    it refuses what it does not have: see docs/pickup.md."""
     policy: str | None = None
     """Shipped policy by name, .onnx file, checkpoint folder or run; required for --controller policy, refused
     otherwise."""
@@ -71,6 +78,9 @@ class EvaluateConfig:
     a trial."""
 
     def __post_init__(self) -> None:
+        checks.one_of("task", self.task, TASKS)
+        if self.task == "job":
+            self._check_job()
         self._check_carrier()
         horizon = Range(least=0.02, most=LONGEST_S, unit="s", note="0.02: a control step")
         checks.number("horizon_s", self.horizon_s, horizon)
@@ -106,6 +116,16 @@ class EvaluateConfig:
     def judges(self) -> tuple[str, ...]:
         """The referees, in the order of `REFEREES`."""
         return tuple(name for name in REFEREES if name in self.referees)
+
+    def _check_job(self) -> None:
+        """Refuses what a whole job does not have."""
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if each.name not in OF_JOBS and value != each.default:
+                raise InvalidConfig(
+                    f"{each.name} is {value!r} and task is 'job', which does not have it: leave it out; a job has "
+                    f"{', '.join(OF_JOBS)}"
+                )
 
     def _check_carrier(self) -> None:
         if self.controller not in CONTROLLERS:

@@ -122,7 +122,7 @@ class Scorer:
 
     def settings(self, carrier: Carrier) -> dict[str, Any]:
         """Settings that the trials depend on, JSON-ready: only trials of equal settings may be joined."""
-        ignored = ("out", "threads", "policy", "scenes")
+        ignored = ("task", "out", "threads", "policy", "scenes")
         config = {k: v for k, v in asdict(self.config).items() if k not in ignored}
         settings = {
             **config,

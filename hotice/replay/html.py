@@ -63,7 +63,8 @@ def live_page(record: RolloutRecord, events: str, steering: Steering | None = No
         record: the first of its frames is the first shown, robot and object hidden until a frame comes.
         events: path of the server-sent events; each is JSON with time [s], mode, facts (name, text, whether it is
             marked), events, and geom_pos, geom_quat, arrow_pos, arrow_force, root_pos, object_pos as flat lists, which
-            are left out where robot and object are not known. It may also have tone, a class of the page's badge.
+            are left out where robot and object are not known. It may also have tone, a class of the page's badge, and
+            movers, the places in the scene of obstacles that move with their poses, or none where they are not known.
         steering: of a simulation.
     """
     return _page([_pack(record)], events, steering)

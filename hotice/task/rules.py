@@ -49,6 +49,9 @@ LIFTED_M = 0.02
 """And its lowest point is this far above the support, or beside it (ours)."""
 HELD_S = 5.0
 """And all this for so long without a break (ours)."""
+PLACED_M, PLACED_RAD, HANDS_OFF_M, STOOD_S = 0.05, 0.1745, 0.03, 2.0
+"""A put-down: the object is this near to its place, leaning by at most 10 degrees, the hands are this far off it, and
+the robot stands, for so long without a break (ours)."""
 FASTEST = 1e3
 """Of any velocity, and of the root's coordinates: what is beyond has diverged [m/s, rad/s, m]."""
 
@@ -96,6 +99,11 @@ def in_carry(away_m: Any, turned_rad: Any, above_m: Any) -> Any:
 def picked(held_s: Any) -> Any:
     """Whether a pick-up is done, the object having been `in_carry` for `held_s` without a break [s]."""
     return held_s >= HELD_S - 1e-6
+
+
+def put_down(away_m: Any, lean_rad: Any, apart_m: Any) -> Any:
+    """Whether the object stands in its place: `away_m` off [m], leaning by `lean_rad`, the hands `apart_m` off it [m]."""
+    return (away_m <= PLACED_M) & (lean_rad <= PLACED_RAD) & (apart_m >= HANDS_OFF_M)
 
 
 def diverged(qpos: Any, qvel: Any) -> Any:

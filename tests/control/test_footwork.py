@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-from hotice.control.pickup.footwork import GRID_S, LANDING_S, SWING_S, Departure, plan_steps
+from hotice.control.pickup.footwork import GRID_S, LANDING_S, SWING_S, Departure, Goal, plan_approach, plan_steps
 from hotice.control.pickup.stepping import moved
 from hotice.errors import InvalidConfig
 from hotice.model.frames import quat_from_yaw, quat_rotate, yaw_from_quat
@@ -91,3 +91,23 @@ def test_a_configuration_moves_as_one_piece():
 def test_impossible_departures(values):
     with pytest.raises(InvalidConfig, match=next(iter(values))):
         Departure(**values)
+
+
+@pytest.mark.parametrize("place", [(0.1, 0.05, 0.1), (-0.3, 0.1, -0.6), (0.0, 0.0, 0.0)])
+def test_an_approach_ends_where_it_was_asked_to(place):
+    """Feet that stand anyhow come to stand square there, in small steps, the weight on standing feet."""
+    x, y, yaw = place
+    ends, com = turned(yaw), np.array([0.02, 0.01]) + [x, y]
+    ends[:, :2] += [x, y]
+    start = FEET + np.array([[0.05, 0.0, 0.0, 0.1], [-0.04, -0.02, 0.0, -0.05]])
+    course = plan_approach(start, COM, HEIGHT_M, Goal(feet=ends, com=com, turn_rad=yaw))
+    np.testing.assert_allclose(course.feet_at(course.seconds).pose, ends, atol=1e-9)
+    np.testing.assert_allclose(course.com[-1], com, atol=1e-6)
+    assert course.body_at(course.seconds).turn_rad == pytest.approx(yaw)
+    zmp = course.com - HEIGHT_M / 9.81 * course.com_acc
+    for i in range(0, len(zmp), 5):
+        feet = course.feet_at(i * GRID_S)
+        if feet.air >= 0:
+            assert np.linalg.norm(zmp[i] - feet.pose[1 - feet.air, :2]) < 0.12
+    for swing in course.swings:
+        assert np.linalg.norm(swing.end[:2] - swing.start[:2]) < 0.45 and abs(swing.end[3] - swing.start[3]) < 0.7

@@ -16,7 +16,7 @@ from hotice.control.pick_plan.paths.trajectory import JOINT_SPEED
 from hotice.control.pick_plan.task import COM_BOX_M, frames_at
 from hotice.control.pickup import Pickup, PickupConfig, Stance
 from hotice.control.pickup.footwork import ease
-from hotice.control.pickup.phases import along
+from hotice.control.pickup.machine import along
 from hotice.control.pickup.tracking import Tracking
 from hotice.control.whole_body.terms import FEET, LEFT_HAND, Terms
 from hotice.errors import CarryInfeasible, HoticeError, InvalidConfig, PickInfeasible

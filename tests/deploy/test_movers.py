@@ -12,7 +12,7 @@ from hotice.deploy.clock import SimulatedClock
 from hotice.deploy.estimate.movers import MoverTracker
 from hotice.deploy.guard.modes import Mode
 from hotice.deploy.messages.invalid import InvalidMessage
-from hotice.deploy.runner.around import OLD_S, Around
+from hotice.deploy.runner.around import Around
 from hotice.deploy.runner.ways import LiveWays, ToldWays
 from hotice.deploy.sources import MemorySource, MoverSample
 from hotice.deploy.sources.records import scene_mark
@@ -190,7 +190,9 @@ def test_fields_have_what_moves_and_its_ways_and_an_age(still):
     watched.see(at(0.6), late_s=0.0)
     around.look(watched.clock.now())
     # seen, but no ways among it yet
-    assert around.age_s == math.inf and around.verdict == "ways not built yet"
+    assert around.sure and around.verdict == "ok, without ways of the moment"
+    bare = momentary_pf(still, moved(SCENE.moving, at(0.6)))
+    np.testing.assert_array_equal(around.fields.sgf.query(points)[0], bare.sgf.query(points)[0])
     ways.tell(at(0.6), watched.clock.now())
     watched.clock.sleep(0.3)
     watched.see(at(0.9), late_s=0.0)
@@ -202,11 +204,15 @@ def test_fields_have_what_moves_and_its_ways_and_an_age(still):
         for a, b in zip(ours.query(points), theirs.query(points), strict=True):
             np.testing.assert_array_equal(a, b)
     np.testing.assert_allclose(around.fields.sgf.query(points)[1], now.signed_distance(points), atol=0.02)
-    # the ways are the older half of what is known
-    assert around.age_s == pytest.approx(0.3) and around.sure and around.verdict == "ok"
-    watched.clock.sleep(OLD_S)
+    assert around.age_s == pytest.approx(0.0) and around.sure and around.verdict == "ok"
+    # ways that are older than a second do not count any more
+    watched.clock.sleep(0.8)
     around.look(watched.clock.now())
-    assert not around.sure and around.verdict == "1.3 s old"
+    assert around.built is None and around.verdict == "ok, without ways of the moment"
+    assert around.age_s == pytest.approx(0.8)
+    watched.clock.sleep(0.3)
+    around.look(watched.clock.now())
+    assert not around.sure and around.verdict == "seen 1 s ago"
 
 
 def test_ways_of_a_process_beside_are_those_of_a_log(still):
@@ -244,7 +250,7 @@ def test_a_runner_goes_by_what_it_sees_and_stands_where_it_is_old(policy, still,
         return desk.tick(mode, robot)
 
     targets, blind = ticked(), read_fields(still, percept, ours.task)
-    assert targets["pose_age_s"] == np.inf
+    assert targets["pose_age_s"] == np.inf and targets["movers_old"]
     ours.reset()
     walking = desk.runner.all_joints(ours.act(percept, blind))
     assert np.abs(targets["q"] - walking).max() > 0.01
@@ -257,10 +263,10 @@ def test_a_runner_goes_by_what_it_sees_and_stands_where_it_is_old(policy, still,
     expected = desk.runner.all_joints(ours.act(percept, reading))
     np.testing.assert_allclose(targets["q"], expected, atol=1e-4)
     # localization is 0.1 s old here
-    assert targets["pose_age_s"] == pytest.approx(max(0.1, watched.tracker.age_s(now_s)))
+    assert targets["pose_age_s"] == pytest.approx(max(0.1, watched.tracker.age_s(now_s))) and not targets["movers_old"]
     desk.clock.sleep(1.1)
     targets = ticked()
-    assert targets["pose_age_s"] > 1.0 and np.abs(targets["q"] - expected).max() > 0.01
+    assert targets["pose_age_s"] > 1.0 and targets["movers_old"] and np.abs(targets["q"] - expected).max() > 0.01
 
 
 def thrown():

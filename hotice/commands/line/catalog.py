@@ -58,6 +58,7 @@ COMMANDS: Groups = {
                 "hotice evaluate --policy student --scenes beam --rollouts 20 --seed 1",
                 "hotice evaluate --policy student --scenes bench20 --rollouts 25 --protocol paper --out report.json",
                 "hotice evaluate --controller walk --scenes gap --rollouts 4 --no-perturbed",
+                "hotice evaluate --task job --policy student --scenes open_floor gap beam --rollouts 4 --out job.json",
             ),
         ),
         Entry(

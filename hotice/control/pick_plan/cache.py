@@ -54,6 +54,7 @@ def plan_key(task: PickTask, durations: Durations) -> str:
         _planner(),
         grip.carried.to_dict(),
         vars(grip.support),
+        grip.above_m,
         vars(durations),
         task.q_start.tolist(),
         task.pose.p_WO.tolist(),

@@ -37,6 +37,8 @@ class Grip:
     """Grip of one object from one support.
 
     Attributes:
+        grasp_above_m: height of the palms above the object's centre, None: what suits object and support. An object
+            that is held already is put down as it is held.
         above_m: height of the palms above the object's centre.
         place: (2, 3) middle of the palms in O. carry: where it ends; wrist_pos: (6,) locked wrists [rad].
         rise_m: how far the object is lifted. steps_back: whether the support is in the way of lowering it to the carry
@@ -47,6 +49,7 @@ class Grip:
 
     carried: CarriedObject
     support: Support
+    grasp_above_m: float | None = None
     above_m: float = field(init=False)
     grip_m: float = field(init=False)
     place: Array = field(init=False)
@@ -59,6 +62,8 @@ class Grip:
         half, box, support = self.carried.half_extents_m, self.carried.shape == "box", self.support
         room = min(GRASP_ABOVE_CENTRE_M, half[2] - 0.05, HIGHEST_GRASP_M - support.top_m - half[2])
         above = -min(SPHERE_BELOW_M, half[2] - 0.09) if self.carried.shape == "sphere" else max(room, 0.02)
+        if self.grasp_above_m is not None:
+            above = self.grasp_above_m
         behind = min(-GRIP_AHEAD_M, PALM_REACH_M - half[0])
         carry = solve_carry(self.carried, grasp_height_m=above)
         p = carry.object_pos_W

@@ -35,6 +35,7 @@ class Planner:
         carried: the object; support: what it stands on.
         durations: of the parts of a plan.
         folder: of the cache; default `cache.default_folder()`; None: no cache.
+        grasp_above_m: see `Grip`.
         calm: whether the centre of mass stays so near the middle of the feet that the plan can be played back.
 
     Raises `CarryInfeasible` where the object cannot be held.
@@ -48,11 +49,12 @@ class Planner:
         *,
         folder: Path | str | None = "",
         calm: bool = False,
+        grasp_above_m: float | None = None,
     ) -> None:
         self.carried, self.support, self.durations = carried, support, durations or Durations()
         self.folder = cache.default_folder() if folder == "" else None if folder is None else Path(folder)
         self.com_box_m = CALM_COM_BOX_M if calm else COM_BOX_M
-        self.grip = Grip(carried=carried, support=support)
+        self.grip = Grip(carried=carried, support=support, grasp_above_m=grasp_above_m)
         self.carry, self.wrist_pos = self.grip.carry, self.grip.wrist_pos
         self.above_m, self.rise_m = self.grip.above_m, self.grip.rise_m
         self.terms = Terms(self.wrist_pos)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from hotice import checks
 from hotice.control.pick_plan import Durations
 
+HEAVY_KG = 3.5
+
 
 @dataclass(frozen=True, kw_only=True)
 class PickupConfig:
@@ -52,3 +54,9 @@ class PickupConfig:
             lift_s=self.lift_s,
             retreat_s=self.retreat_s,
         )
+
+
+def squeeze_of(squeeze_n: tuple[float, float], mass_kg: float) -> float:
+    """Normal force of each hand [N] for an object of that mass; see `PickupConfig.squeeze_n`."""
+    low, high = squeeze_n
+    return low + (high - low) * min(mass_kg / HEAVY_KG, 1.0)

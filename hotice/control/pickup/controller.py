@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hotice.control.controller import Command, Measurement
+from hotice.control.controller import Measurement
 from hotice.control.pick_plan import Planner, Support
-from hotice.control.pickup.config import PickupConfig
+from hotice.control.pickup.config import PickupConfig, squeeze_of
 from hotice.control.pickup.footwork import Departure
 from hotice.control.pickup.memory import PickupMemory
+from hotice.control.pickup.phased import Phased, configuration
 from hotice.control.pickup.phases import Phases
 from hotice.control.pickup.stance import Stance
 from hotice.control.pickup.tracking import Tracking
@@ -22,7 +23,7 @@ from hotice.model.objects import CarriedObject
 Array = NDArray[np.float64]
 
 
-class Pickup:
+class Pickup(Phased):
     """The controller; see `hotice.control.controller.Controller`.
 
     Args:
@@ -33,6 +34,8 @@ class Pickup:
     Raises:
         CarryInfeasible: the object is too heavy, wide or deep to be held. PickInfeasible: it cannot be reached there.
     """
+
+    _phases: Phases
 
     def __init__(
         self,
@@ -51,8 +54,7 @@ class Pickup:
         self.carry = self.planner.carry
         self.start_q = self.planner.start_q
         self.expected = self.planner.plan(self.start_q, p_GO, quat_GO)
-        low, high = self.config.squeeze_n
-        self.squeeze_n = low + (high - low) * min(carried.mass_kg / 3.5, 1.0)
+        self.squeeze_n = squeeze_of(self.config.squeeze_n, carried.mass_kg)
         self._qp = WholeBodyQp(self.planner.wrist_pos, qp)
         self._ref = ref = Terms(self.planner.wrist_pos)
         true = self._qp.terms
@@ -79,34 +81,13 @@ class Pickup:
             start=self.start_q,
             plan=self.expected,
         )
-        return self._placed(memory, measurement) if measurement.finite() else memory
+        return self.placed(memory, measurement) if measurement.finite() else memory
 
-    def _placed(self, memory: PickupMemory, measurement: Measurement) -> PickupMemory:
+    def placed(self, memory: PickupMemory, measurement: Measurement) -> PickupMemory:
         """The memory of a robot that stands where it is measured."""
-        stance = Stance.of(self._ref, _configuration(measurement))
+        stance = Stance.of(self._ref, configuration(measurement))
         seen = stance.measurement(measurement)
-        q = _configuration(seen)
+        q = configuration(seen)
         memory = replace(memory, stance=stance, came_from=q, reference=q, start=q)
         self._phases.foresee(memory, seen)
         return memory
-
-    def step(self, memory: PickupMemory, measurement: Measurement) -> tuple[Command, PickupMemory]:
-        """One control step."""
-        memory = memory.copy()
-        track, finite = self._tracking, measurement.finite()
-        if finite:
-            if memory.stance is None:
-                memory = self._placed(memory, measurement)
-            measurement = _seen(memory, measurement)
-            self._qp.terms.update(measurement)
-            track.follow(memory, self._phases.advance(memory, measurement))
-        torque = self._qp.solve(measurement, track.targets, track.contacts, memory.qp, updated=finite).copy()
-        return Command(torque=torque, phase=memory.phase, faults=memory.qp.faults), memory
-
-
-def _configuration(m: Measurement) -> Array:
-    return np.concatenate([m.p_WP, np.roll(m.quat_WP, -1), m.joint_pos])
-
-
-def _seen(memory: PickupMemory, m: Measurement) -> Measurement:
-    return m if memory.stance is None else memory.stance.measurement(m)

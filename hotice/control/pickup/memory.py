@@ -26,6 +26,8 @@ class PickupMemory:
         came_from: (27,) reference when the phase began. reference: (27,) of the last step.
         squeeze_n: present target force of each hand. lost_since_s: since when a hand feels too little.
         course, com0: of the steps that are being taken, and the common centre of mass (2,) when they began.
+        feet: (2, 4) ankles of a put-down when it began. goal: (27,) where its settling leads.
+        shift: (3,) of the reference of a put-down, towards which a phase moves it.
         failure: why the pick-up was aborted, empty where it was not. attempt: grasps begun.
     """
 
@@ -43,6 +45,9 @@ class PickupMemory:
     com0: Array = field(default_factory=lambda: np.zeros(2))
     air: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(2, dtype=bool))
     shift_m: float = 0.0
+    feet: Array = field(default_factory=lambda: np.zeros((2, 4)))
+    goal: Array = field(default_factory=lambda: np.zeros(27))
+    shift: Array = field(default_factory=lambda: np.zeros(3))
     lost_since_s: float | None = None
     object_z_m: float = 0.0
     attempt: int = 0

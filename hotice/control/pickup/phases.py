@@ -7,34 +7,35 @@ before the first step, while the robot stands; in a step one is made only for an
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hotice.control.controller import Measurement
 from hotice.control.pick_plan import PickPlan, Planner
 from hotice.control.pickup import stepping
 from hotice.control.pickup.config import PickupConfig
-from hotice.control.pickup.footwork import Departure, ease
+from hotice.control.pickup.footwork import Departure
+from hotice.control.pickup.machine import Machine
 from hotice.control.pickup.memory import Motion, PickupMemory
 from hotice.control.whole_body.terms import HANDS, Terms
 from hotice.errors import PickInfeasible
 
 Array = NDArray[np.float64]
+HOLDING = ("lift", "back", "retreat", "depart", "hold")
 FIRST_SQUEEZE_N, FIRST_SQUEEZE_N_PER_S = 25.0, 20.0  # while the hands look for the object
 
 
-class Phases:
+class Phases(Machine):
     """The phase machine; `true`: terms of the measured state, `ref`: terms of the last reference."""
 
     def __init__(
         self, config: PickupConfig, planner: Planner, departure: Departure, squeeze_n: float, true: Terms, ref: Terms
     ) -> None:
         self.config, self.planner, self.departure, self.squeeze_n = config, planner, departure, squeeze_n
-        self._true, self._ref = true, ref
+        super().__init__(config.rate_hz, true, ref)
         self._carried = planner.carried
 
     def foresee(self, memory: PickupMemory, m: Measurement) -> None:
@@ -47,18 +48,13 @@ class Phases:
         except PickInfeasible:
             memory.plan = None
 
-    def advance(self, memory: PickupMemory, m: Measurement) -> Motion:
-        """One step: moves `memory` on, its reference included."""
-        before, motion = memory.reference, Motion()
-        if m.stand and not memory.air.any():
-            # the phase goes on later, from where it is
-            memory.since_s += 1.0 / self.config.rate_hz
-            return motion
-        STEPS[memory.phase](self, memory, m, motion, m.time_s - memory.since_s)
-        if memory.phase in ("lift", "back", "retreat", "depart", "hold"):
-            self._watch(memory, m)
-        motion.rate = self._ref._pin.difference(self._ref.model, before, memory.reference) * self.config.rate_hz
-        return motion
+    def watch(self, memory: PickupMemory, m: Measurement) -> None:
+        """Notices an object that is lost."""
+        if memory.phase not in HOLDING or not self.lost(memory, m, self.config.hold_n, self.config.lost_s):
+            return
+        memory.failure = f"lost the object in {memory.phase}"
+        memory.plan = replace(_plan(memory), to_crouch=memory.reference[None], to_pregrasp=memory.reference[None])
+        self.enter(memory, m, "open", memory.failure)
 
     def _settle(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         if elapsed >= self.config.settle_s:
@@ -68,46 +64,46 @@ class Phases:
         plan = _plan(memory)
         # the path begins where the robot stood at first
         knots = [plan.crouch] if memory.attempt else plan.to_crouch[1:]
-        memory.reference = self._along([memory.came_from, *knots], elapsed / self.config.crouch_s)
+        memory.reference = self.along([memory.came_from, *knots], elapsed / self.config.crouch_s)
         if elapsed >= self.config.crouch_s:
-            self._enter(memory, m, "reach")
+            self.enter(memory, m, "reach")
 
     def _reach(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
-        memory.reference = self._along(_plan(memory).to_pregrasp, elapsed / self.config.reach_s)
+        memory.reference = self.along(_plan(memory).to_pregrasp, elapsed / self.config.reach_s)
         if elapsed >= self.config.reach_s:
             memory.attempt += 1
-            self._enter(memory, m, "close")
+            self.enter(memory, m, "close")
 
     def _close(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         c, plan = self.config, _plan(memory)
-        memory.reference = self._along(plan.to_grasp, elapsed / c.close_s)
+        memory.reference = self.along(plan.to_grasp, elapsed / c.close_s)
         pressed = elapsed - 0.7 * c.close_s
         memory.squeeze_n = float(np.clip(FIRST_SQUEEZE_N_PER_S * pressed, 0.0, FIRST_SQUEEZE_N))
-        if elapsed >= 0.7 * c.close_s and self._feels(m, c.touch_n):
+        if elapsed >= 0.7 * c.close_s and self.feels(m, c.touch_n):
             memory.came_from = memory.reference
-            self._enter(memory, m, "squeeze")
+            self.enter(memory, m, "squeeze")
         elif elapsed >= c.close_s + c.touch_s:
             self._missed(memory, m, "hands felt nothing")
 
     def _squeeze(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         share, first = min(elapsed / self.config.squeeze_s, 1.0), FIRST_SQUEEZE_N
-        memory.reference = self._along([memory.came_from, _plan(memory).grasp], 2.0 * share)
+        memory.reference = self.along([memory.came_from, _plan(memory).grasp], 2.0 * share)
         if share == 0:
             memory.squeeze_n = max(memory.squeeze_n, first)
         else:
             memory.squeeze_n = first + (self.squeeze_n - first) * min(2 * share, 1)
         memory.load_share = max(2.0 * share - 1.0, 0.0)
         if elapsed >= self.config.squeeze_s:
-            if self._feels(m, 0.4 * self.squeeze_n):
+            if self.feels(m, 0.4 * self.squeeze_n):
                 memory.object_z_m = self._object_z(m)
-                self._enter(memory, m, "lift")
+                self.enter(memory, m, "lift")
             else:
                 self._missed(memory, m, "hands could not squeeze")
 
     def _lift(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         c, plan = self.config, _plan(memory)
         memory.load_share = 1.0
-        memory.reference = self._along(plan.retreat[: plan.lift_knots + 1], elapsed / c.lift_s)
+        memory.reference = self.along(plan.retreat[: plan.lift_knots + 1], elapsed / c.lift_s)
         if elapsed < c.lift_s:
             return
         risen, planned = self._object_z(m) - memory.object_z_m, self.planner.rise_m
@@ -116,16 +112,16 @@ class Phases:
         elif plan.back_m > 0.0:
             self._step_off(memory, m, "back", Departure(back_m=plan.back_m))
         else:
-            self._enter(memory, m, "retreat")
+            self.enter(memory, m, "retreat")
 
     def _back(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         if stepping.go_on(memory, m, motion, elapsed):
             memory.shift_m = -_plan(memory).back_m
-            self._enter(memory, m, "retreat")
+            self.enter(memory, m, "retreat")
 
     def _retreat(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         plan = _plan(memory)
-        memory.reference = self._along(plan.retreat[plan.lift_knots :], elapsed / self.config.retreat_s)
+        memory.reference = self.along(plan.retreat[plan.lift_knots :], elapsed / self.config.retreat_s)
         memory.reference[0] += memory.shift_m
         if elapsed < self.config.retreat_s:
             return
@@ -133,32 +129,26 @@ class Phases:
         if rest.stances():
             self._step_off(memory, m, "depart", rest)
         else:
-            self._enter(memory, m, "hold")
+            self.enter(memory, m, "hold")
 
     def _depart(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         if stepping.go_on(memory, m, motion, elapsed):
-            self._enter(memory, m, "hold")
+            self.enter(memory, m, "hold")
 
     def _open(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
         plan = _plan(memory)
         memory.squeeze_n = memory.load_share = 0.0
-        memory.reference = self._along([memory.came_from, plan.pregrasp, plan.crouch], elapsed / self.config.open_s)
+        memory.reference = self.along([memory.came_from, plan.pregrasp, plan.crouch], elapsed / self.config.open_s)
         if elapsed >= self.config.open_s:
             if memory.failure:
-                self._enter(memory, m, "stand")
+                self.enter(memory, m, "stand")
             else:
                 self._begin(memory, m)
 
     def _stand(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
-        memory.reference = self._along([memory.came_from, memory.start], elapsed / self.config.stand_s)
+        memory.reference = self.along([memory.came_from, memory.start], elapsed / self.config.stand_s)
         if elapsed >= self.config.stand_s:
-            self._enter(memory, m, "abort")
-
-    def _rest(self, memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> None:
-        """Goes on with the last reference."""
-
-    def _along(self, knots: ArrayLike, share: float) -> Array:
-        return along(self._ref._pin, self._ref.model, np.asarray(knots), share)
+            self.enter(memory, m, "abort")
 
     def _object_z(self, m: Measurement) -> float:
         """Height of the object [m]; where it is not seen, that between the hands."""
@@ -166,17 +156,12 @@ class Phases:
             return float(self._true.p_WF[HANDS, 2].mean()) - self.planner.above_m
         return float(m.p_WO[2])
 
-    def _enter(self, memory: PickupMemory, m: Measurement, phase: str, note: str = "") -> None:
-        memory.phase, memory.since_s, memory.came_from, memory.lost_since_s = phase, m.time_s, memory.reference, None
-        memory.air[:] = False
-        memory.log.append((m.time_s, phase, note))
-
     def _begin(self, memory: PickupMemory, m: Measurement) -> None:
         try:
             memory.plan, memory.failure = self._plan_for(memory, m), ""
         except PickInfeasible as error:
             memory.failure = str(error)
-        self._enter(memory, m, "stand" if memory.failure else "crouch", memory.failure)
+        self.enter(memory, m, "stand" if memory.failure else "crouch", memory.failure)
 
     def _plan_for(self, memory: PickupMemory, m: Measurement) -> PickPlan:
         """The plan that is there, if it fits what is seen, else a new one. Raises `PickInfeasible`."""
@@ -189,33 +174,11 @@ class Phases:
     def _missed(self, memory: PickupMemory, m: Measurement, why: str) -> None:
         if memory.attempt >= self.config.attempts:
             memory.failure = why
-        self._enter(memory, m, "open", why)
-
-    def _watch(self, memory: PickupMemory, m: Measurement) -> None:
-        if self._feels(m, self.config.hold_n):
-            memory.lost_since_s = None
-        elif memory.lost_since_s is None:
-            memory.lost_since_s = m.time_s
-        elif m.time_s - memory.lost_since_s > self.config.lost_s:
-            memory.failure = f"lost the object in {memory.phase}"
-            memory.plan = replace(_plan(memory), to_crouch=memory.reference[None], to_pregrasp=memory.reference[None])
-            self._enter(memory, m, "open", memory.failure)
-
-    def _feels(self, m: Measurement, least_n: float) -> bool:
-        if m.hand_force_W is None:
-            return True
-        return bool((np.linalg.norm(m.hand_force_W, axis=1) >= least_n).all())
+        self.enter(memory, m, "open", why)
 
     def _step_off(self, memory: PickupMemory, m: Measurement, phase: str, departure: Departure) -> None:
-        self._enter(memory, m, phase)
+        self.enter(memory, m, phase)
         stepping.begin(memory, self._true, self._ref, self._carried.mass_kg, departure)
-
-
-def along(pin: Any, model: Any, knots: Array, share: float) -> Array:
-    """Configuration at `share` of the way through `knots` (K, 27), equally spaced in time, eased at both ends."""
-    place = ease(share) * (len(knots) - 1)
-    i = min(int(place), len(knots) - 2)
-    return pin.interpolate(model, knots[i], knots[i + 1], place - i)
 
 
 def _plan(memory: PickupMemory) -> Any:
@@ -223,7 +186,7 @@ def _plan(memory: PickupMemory) -> Any:
     return memory.plan
 
 
-STEPS: dict[str, Callable[[Phases, PickupMemory, Measurement, Motion, float], None]] = {
+Phases.STEPS = {
     "settle": Phases._settle,
     "crouch": Phases._crouch,
     "reach": Phases._reach,
@@ -233,9 +196,9 @@ STEPS: dict[str, Callable[[Phases, PickupMemory, Measurement, Motion, float], No
     "back": Phases._back,
     "retreat": Phases._retreat,
     "depart": Phases._depart,
-    "hold": Phases._rest,
+    "hold": Phases.rest,
     "open": Phases._open,
     "stand": Phases._stand,
-    "abort": Phases._rest,
+    "abort": Phases.rest,
 }
-PHASES = tuple(STEPS)
+PHASES = tuple(Phases.STEPS)

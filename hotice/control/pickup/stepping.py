@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hotice.control.controller import Measurement
-from hotice.control.pickup.footwork import Departure, plan_steps
+from hotice.control.pickup.footwork import Departure, Goal, plan_approach, plan_steps
 from hotice.control.pickup.memory import Motion, PickupMemory
 from hotice.control.whole_body.terms import FEET, HANDS, Terms
 from hotice.model import g1
@@ -20,11 +20,26 @@ LANDED_N, SEARCH_M = 10.0, 0.01  # a foot that should stand but feels less goes 
 
 def begin(memory: PickupMemory, true: Terms, ref: Terms, load_kg: float, departure: Departure) -> None:
     """Plans steps from where the feet are, for the body and the load as the reference has them."""
-    held = ref.p_WF[HANDS].mean(axis=0)
-    memory.com0 = (ref.mass_kg * ref.com[:2] + load_kg * held[:2]) / (ref.mass_kg + load_kg)
-    R = true.R_WF[FEET]
-    feet = np.column_stack([true.p_WF[FEET], np.arctan2(R[:, 1, 0], R[:, 0, 0])])
-    memory.course = plan_steps(feet, memory.com0, float(ref.com[2]), departure)
+    memory.com0 = com_with(ref, load_kg)
+    memory.course = plan_steps(ankles(true), memory.com0, float(ref.com[2]), departure)
+
+
+def begin_approach(memory: PickupMemory, true: Terms, ref: Terms, load_kg: float, end: Goal) -> None:
+    """Plans steps to a stance nearby, as `begin`."""
+    memory.com0 = com_with(ref, load_kg)
+    memory.course = plan_approach(ankles(true), memory.com0, float(ref.com[2]), end)
+
+
+def com_with(terms: Terms, load_kg: float) -> Array:
+    """Centre of mass (2,) of robot and load, which is between the hands."""
+    held = terms.p_WF[HANDS].mean(axis=0)
+    return (terms.mass_kg * terms.com[:2] + load_kg * held[:2]) / (terms.mass_kg + load_kg)
+
+
+def ankles(terms: Terms) -> Array:
+    """Both ankles, left and right: x, y, z [m], yaw [rad], (2, 4)."""
+    R = terms.R_WF[FEET]
+    return np.column_stack([terms.p_WF[FEET], np.arctan2(R[:, 1, 0], R[:, 0, 0])])
 
 
 def go_on(memory: PickupMemory, m: Measurement, motion: Motion, elapsed: float) -> bool:

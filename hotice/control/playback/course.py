@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from hotice.control.pick_plan import PickPlan, Planner, Support, frames_at
 from hotice.control.pickup.config import PickupConfig
-from hotice.control.pickup.phases import FIRST_SQUEEZE_N, along
+from hotice.control.pickup.machine import along
+from hotice.control.pickup.phases import FIRST_SQUEEZE_N
 from hotice.control.playback.statics import static_torque
 from hotice.errors import PickInfeasible
 from hotice.model import g1

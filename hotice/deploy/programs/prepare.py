@@ -75,11 +75,14 @@ def estimator_of(
     )
 
 
-def around_of(made: Prepared, samples: Source[MoverSample], ways: Ways | None = None) -> Around | None:
+def around_of(made: Prepared, samples: Source[MoverSample] | None, ways: Ways | None = None) -> Around | None:
     """What a runner knows of what moves, from its samples; None in a scene in which nothing does.
 
-    `ways`: who builds those of the moment; None: ways are those of what never moves.
+    `ways`: who builds those of the moment; None: ways are those of what never moves. Raises `InvalidConfig` where
+    something moves and nobody says where it is.
     """
     if not made.moving:
         return None
+    if samples is None:
+        raise InvalidConfig(f"scene {made.scene.name!r}: something moves in it: samples of movers are needed")
     return Around(made.pf, MoverTracker(samples, made.moving, made.scene.source), ways)

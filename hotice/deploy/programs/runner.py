@@ -39,9 +39,11 @@ def main(options: RunnerOptions) -> None:
         stack.callback(poses.close)
         tags = UdpSource(options.tags_port, TagSample.decode, clock=clock)
         stack.callback(tags.close)
-        movers = UdpSource(options.movers_port, MoverSample.decode, clock=clock)
-        stack.callback(movers.close)
         made = prepare(options, lambda stage: say(stage=stage))
+        movers = None
+        if made.moving:
+            movers = UdpSource(options.movers_port, MoverSample.decode, clock=clock)
+            stack.callback(movers.close)
         slot = RunnerSlot(options.slot)
         stack.callback(slot.close)
         say(stage="everything once, compiled where it is not yet")
@@ -64,7 +66,7 @@ def main(options: RunnerOptions) -> None:
         after = []
         if options.view_port is not None:
             say(stage="live page")
-            view = stack.enter_context(LiveView(made.pf.scene, made.carry.carried, made.policy, port=options.view_port))
+            view = stack.enter_context(LiveView(made.scene, made.carry.carried, made.policy, port=options.view_port))
             after.append(view.after)
             say(text=f"live page: {view.url}")
         logs = kinds(width(made.policy), bool(made.moving))
@@ -84,7 +86,7 @@ def main(options: RunnerOptions) -> None:
             logged.status_of(slot.status),
             logged.put_of(slot.put),
             logged,
-            around_of(made, logged.source("movers", movers), ways),
+            around_of(made, movers and logged.source("movers", movers), ways),
         )
         runner.warm()
         after.append(logged.after)

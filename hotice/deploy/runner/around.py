@@ -13,8 +13,8 @@ from hotice.fields.moving.momentary import MomentaryPf, momentary_pf, moved
 
 Array = NDArray[np.float64]
 OLD_S = 1.0
-"""Who last saw what moves, or built the ways among it, longer ago than this does not walk by it: it is the guard's
-limit of localization."""
+"""Who last saw what moves longer ago than this does not walk: it is the guard's limit of localization. Ways among what
+moves that are older do not count: those of what never moves do."""
 
 
 class Around:
@@ -27,7 +27,8 @@ class Around:
 
     Attributes:
         fields: with what moves where it is taken to be; before it was seen those of what never moves.
-        age_s: since it was seen, or, where that is older, since it was as the ways have it [s].
+        poses: where it is taken to be (M, 7), position [m] and quaternion wxyz in W; None before it was seen.
+        age_s: since it was seen [s].
         built: the ways that `fields` have; None: those of what never moves.
     """
 
@@ -35,6 +36,7 @@ class Around:
         self._still, self._tracker, self._ways = still, tracker, ways
         self._shown_s = -np.inf
         self.fields: HodPf | MomentaryPf = still
+        self.poses: Array | None = None
         self.age_s = np.inf
         self.built: Built | None = None
 
@@ -49,9 +51,10 @@ class Around:
             if tracker.newest.measured_s != self._shown_s:
                 self._shown_s = tracker.newest.measured_s
                 ways.show(*tracker.newest)
-            self.built = ways.newest()
-            self.age_s = max(self.age_s, np.inf if self.built is None else now_s - self.built.measured_s)
-        movers = moved(tracker.moving, tracker.poses(now_s))
+            newest = ways.newest()
+            self.built = newest if newest and now_s - newest.measured_s <= OLD_S else None
+        self.poses = tracker.poses(now_s)
+        movers = moved(tracker.moving, self.poses)
         self.fields = momentary_pf(self._still, movers, None if self.built is None else self.built.fields)
 
     def guess(self) -> MomentaryPf:
@@ -66,6 +69,8 @@ class Around:
     @property
     def verdict(self) -> str:
         """What there is to say: "ok", or why what moves is not known."""
-        if self._tracker.verdict != OK or self.sure:
+        if self._tracker.verdict != OK:
             return self._tracker.verdict
-        return f"{self.age_s:.1f} s old" if np.isfinite(self.age_s) else "ways not built yet"
+        if not self.sure:
+            return f"seen {self.age_s:.0f} s ago"
+        return OK if self._ways is None or self.built else "ok, without ways of the moment"

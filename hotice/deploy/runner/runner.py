@@ -134,9 +134,9 @@ class RobotRunner:
         targets["number"] += 1
         targets["stamp_s"], targets["state_sequence"] = began_s, status["sequence"]
         targets["q"] = self.all_joints(q)
-        targets["pose_age_s"] = max(
-            np.inf if estimate is None else estimate.pose_age_s, 0.0 if self.around is None else self.around.age_s
-        )
+        pose_s = np.inf if estimate is None else estimate.pose_age_s
+        movers_s = 0.0 if self.around is None else self.around.age_s
+        targets["pose_age_s"], targets["movers_old"] = max(pose_s, movers_s), movers_s > pose_s
         targets["box_age_s"] = np.inf if estimate is None else estimate.box_age_s
         targets["pose_disputed"] = estimate is not None and estimate.disputed
         self._put(targets)

@@ -49,7 +49,9 @@ class LiveWays:
 
     def __init__(self, still: HodPf, moving: Sequence[Obstacle]) -> None:
         self._moving = tuple(moving)
-        self._live = LiveField(_with(still, ()), still.grid.resolution_m, still.margin_m, still.params)
+        self._live = LiveField(
+            MomentaryScene.of(still.scene, still.scene.obstacles), still.grid.resolution_m, still.margin_m, still.params
+        )
         self._given: dict[int, tuple[Array, float]] = {}
         self._shown_s = -np.inf
         self._still = still.scene.obstacles
@@ -94,7 +96,7 @@ class ToldWays:
 
     def tell(self, poses: Array, measured_s: float) -> None:
         """From now on the newest ways are of these poses (M, 7), seen at `measured_s` [s]."""
-        scene = _with(self._still, moved(self._moving, poses))
+        scene = MomentaryScene.of(self._still.scene, (*self._still.scene.obstacles, *moved(self._moving, poses)))
         fields = hod_pf_of(scene, self._rebuilder.solve(scene), self._still.margin_m, self._still.params)
         self._newest = Built(fields, poses, measured_s)
 
@@ -104,10 +106,3 @@ class ToldWays:
     def newest(self) -> Built | None:
         """See `Ways.newest`."""
         return self._newest
-
-
-def _with(still: HodPf, movers: Sequence[Obstacle]) -> MomentaryScene:
-    scene = still.scene
-    return MomentaryScene(
-        scene.name, scene.bounds_m, scene.start, scene.goal, (*scene.obstacles, *movers), scene.source
-    )

@@ -17,7 +17,7 @@ SUPPORT = "support"
 """Obstacle on which the object stands."""
 SOLVES = 4
 CLEAR_M = 0.06
-"""Between knees and support, where the plan comes closer."""
+"""Between legs and support, where the plan comes closer."""
 KNEE_RAD = 0.05
 """Knees are bent at least so much, where the plan's are: straight ones cannot move the pelvis."""
 
@@ -30,8 +30,7 @@ class Weights:
     com: float = 100.0
     hands: float = 30.0
     palms: float = 1.0
-    knees: float = 3.0
-    """Seen along x only."""
+    clear: float = 10.0
     pelvis: float = 0.1
     """Its turn."""
     height: float = 3.0
@@ -79,7 +78,9 @@ class Standing:
         self.model, self.data = model, mujoco.MjData(model)
         self.pelvis = model.body("pelvis").id
         self.feet = [model.body(f"{side}_ankle_roll_link").id for side in g1.SIDES]
-        self.knees = [model.body(f"{side}_knee_link").id for side in g1.SIDES]
+        legs = [model.body(f"{side}_{link}").id for side in g1.SIDES for link in ("hip_yaw_link", "knee_link")]
+        solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
+        self.legs = [g for g in range(model.ngeom) if model.geom_bodyid[g] in legs and solid[g]]
         self.support = model.geom(f"{builder.OBSTACLE_PREFIX}{SUPPORT}").id
         self.hands = [model.site(f"{side}_hand").id for side in g1.SIDES]
         self.mass = float(model.body_subtreemass[self.pelvis])
@@ -108,15 +109,14 @@ class Standing:
         mujoco.mju_mat2Quat(d.qpos[3:7], R.ravel())
         self.forward()
 
-    def gap(self, body: int) -> float:
-        """Least distance between a body and the support, at most `CLEAR_M` [m]."""
-        first, count = int(self.model.body_geomadr[body]), int(self.model.body_geomnum[body])
-        ends = np.zeros(6)
-        return min(
-            mujoco.mj_geomDistance(self.model, self.data, geom, self.support, CLEAR_M, ends)
-            for geom in range(first, first + count)
-            if self.model.geom_contype[geom] or self.model.geom_conaffinity[geom]
-        )
+    def near_support(self) -> list[tuple[float, Array, Array, int]]:
+        """Legs nearer to the support than `CLEAR_M`: distance [m], nearest point (3,), way off (3,), and body."""
+        found, ends = [], np.zeros(6)
+        for geom in self.legs:
+            gap = mujoco.mj_geomDistance(self.model, self.data, geom, self.support, CLEAR_M, ends)
+            if gap < CLEAR_M and abs(gap) > 1e-9:
+                found.append((gap, ends[:3].copy(), (ends[:3] - ends[3:]) / gap, int(self.model.geom_bodyid[geom])))
+        return found
 
     def held(self) -> Array:
         """Where the load hangs, (3,): between the hands."""
@@ -139,7 +139,6 @@ class Standing:
         start = [d.site_xpos[i].copy() for i in self.hands]
         feet = [(d.xpos[i].copy(), d.xmat[i].reshape(3, 3).copy()) for i in self.feet]
         palms = [d.xmat[i].reshape(3, 3).copy() for i in hand_bodies]
-        ahead = [float(d.xpos[i][0]) - max(CLEAR_M - self.gap(i), 0.0) for i in self.knees]
         height, turn = float(d.qpos[2]), d.xmat[self.pelvis].reshape(3, 3).copy()
         own = np.zeros((3, self.model.nv))
         # a plan may be past the bounds by itself
@@ -164,9 +163,9 @@ class Standing:
             _, spin = self.jacobian(self.pelvis, d.xpos[self.pelvis])
             ask(w.pelvis, spin, _turn(turn, d.xmat[self.pelvis]))
             ask(w.height, np.eye(26)[2:3], np.array([height - d.qpos[2]]))
-            for body, x in zip(self.knees, ahead, strict=True):
-                place, _ = self.jacobian(body, d.xpos[body])
-                ask(w.knees, place[:1], np.array([x - d.xpos[body][0]]))
+            for gap, point, away, body in self.near_support():
+                place, _ = self.jacobian(body, point)
+                ask(w.clear, away[None] @ place, np.array([CLEAR_M - gap]))
             ask(w.joints, np.eye(26)[6:], np.zeros(g1.ACTIONS))
             step = np.zeros(self.model.nv)
             q = d.qpos[g1.JOINT_POS]

@@ -89,6 +89,14 @@ class StationConfig:
     """Distance from between the feet to the table's near edge."""
     pick_bearing_rad: float = np.pi / 2
     """Direction of the table from the scene's heading at the start, left positive; ahead (0) it is in the way."""
+    put_height_m: float = 0.6
+    """Top of the support at the goal, on which a `job` ends."""
+    put_ahead_m: float = 0.35
+    """Distance from the goal to where the robot stands before that support; it steps there from where it arrives."""
+    put_near_m: float = 0.25
+    """Distance from there to the support's near edge."""
+    put_bearing_rad: float = 0.0
+    """Direction of that support from the goal, from that of the way from start to goal, left positive."""
     log_hz: float = 0.0
     """Rate at which every signal is logged; 0: not at all."""
     meshcat_hz: float = 30.0
@@ -102,6 +110,11 @@ class StationConfig:
         checks.numbers(self, checks.POSITIVE, "pelvis_height_m", "support_height_m", "support_near_m")
         checks.numbers(self, checks.NOT_NEGATIVE, "push_m_s")
         checks.number("push_interval_s", self.push_interval_s, Range(least=0.1))
+        checks.numbers(self, checks.POSITIVE, "put_height_m", "put_near_m")
+        checks.number(
+            "put_ahead_m", self.put_ahead_m, Range(least=0.0, most=0.8, unit="m", note="the robot steps there")
+        )
+        checks.number("put_bearing_rad", self.put_bearing_rad, Range(least=-np.pi, most=np.pi))
         checks.number("pick_bearing_rad", self.pick_bearing_rad, Range(least=-np.pi))
         if self.physics_dt_s is not None:
             note = "contacts come apart at longer steps"

@@ -26,11 +26,15 @@ from hotice.systems.setup.table import around_table, pick_origin, table_of, with
 if TYPE_CHECKING:
     from hotice.control.walk.plan import WalkPlan
     from hotice.systems.setup.pick import PickSetting
+    from hotice.systems.setup.put import PutSetting
 
 PLANTS = ("mujoco", "drake")
-CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy")
-"""hold: the carry state's joint targets, without a policy: standing with the object."""
-TORQUE_CONTROLLERS = ("walk", "pickup", "pickup_then_policy")
+CONTROLLERS = ("policy", "hold", "walk", "pickup", "pickup_then_policy", "job")
+"""hold: the carry state's joint targets, without a policy: standing with the object. job: pickup_then_policy,
+and at the goal the object is put down."""
+TORQUE_CONTROLLERS = ("walk", "pickup", "pickup_then_policy", "job")
+PICKING = ("pickup", "pickup_then_policy", "job")
+HANDING_OVER = ("pickup_then_policy", "job")
 FOR_MOVING = ("policy", "hold")
 """Controllers that know scenes in which something moves."""
 FINE_DT_S, CONTROLLED_DT_S = 0.002, 0.005
@@ -50,7 +54,7 @@ class StationSetup:
             table.
         policy, task: the policy file and its constants. physics_dt_s: step of the plant [s].
         carry: carry state that the policy and `hold` keep, and where they start; of a pick-up, where it ends.
-        pick: the pick-up's setting, or None.
+        pick: the pick-up's setting, or None; put: the put-down's of a job, or None.
     """
 
     config: StationConfig
@@ -66,6 +70,7 @@ class StationSetup:
     carry: CarryState
     pf: HodPf
     pick: PickSetting | None = None
+    put: PutSetting | None = None
 
     @classmethod
     def decide(cls, config: StationConfig, plant: str = "mujoco", controller: str = "policy") -> StationSetup:
@@ -86,18 +91,27 @@ class StationSetup:
         task = PolicyTask.from_meta(policy.meta, policy.name)
         physics_dt_s = _physics_step(config, task, plant, controller)
         carry = solve_carry(config.carried, Posture(pelvis_height_m=config.pelvis_height_m))
-        picks = controller.startswith("pickup")
+        picks = controller in PICKING
         if picks:
             world = with_table(scene, table_of(scene, config))
+        if controller == "job":
+            from hotice.systems.setup.put import goal_support
+
+            world = with_table(world, goal_support(scene, config))
         pf = build_hod_pf(around_table(world).still(), task.resolution_m, task.margin_m)
         pick = None
         if picks:
             from hotice.systems.setup.departure import plan_departure
             from hotice.systems.setup.pick import plan_pick
 
-            departs = controller == "pickup_then_policy"
+            departs = controller in HANDING_OVER
             departure = plan_departure(pf, task, carry, pick_origin(scene, config)) if departs else None
             pick = plan_pick(config, scene, departure)
+        put = None
+        if pick is not None and controller == "job":
+            from hotice.systems.setup.put import plan_put
+
+            put = plan_put(config, scene, pick.controller.planner.above_m)
         return cls(
             config=config,
             plant_name=plant,
@@ -112,6 +126,7 @@ class StationSetup:
             carry=carry if pick is None else pick.carry,
             pf=pf,
             pick=pick,
+            put=put,
         )
 
     @cached_property

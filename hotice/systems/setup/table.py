@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -43,7 +44,7 @@ def beside_start(scene: Scene, config: StationConfig) -> StationConfig:
     """
     for bearing in BEARINGS_RAD:
         tried = replace(config, pick_bearing_rad=bearing)
-        if not scene.obstacles or _clear(scene, tried):
+        if not scene.obstacles or room_for(scene, pick_origin(scene, tried), tried.support_near_m, (-0.4, -0.2, 0.0)):
             return tried
     raise InvalidStation(
         f"scene {scene.name!r} leaves no room for a table beside its start: "
@@ -51,12 +52,13 @@ def beside_start(scene: Scene, config: StationConfig) -> StationConfig:
     )
 
 
-def _clear(scene: Scene, config: StationConfig) -> bool:
-    x, y, yaw = pick_origin(scene, config)
-    (depth, width), near = TABLE_M, config.support_near_m
+def room_for(scene: Scene, origin: tuple[float, float, float], near_m: float, body_x_m: Sequence[float]) -> bool:
+    """Whether a table `near_m` ahead of `origin`, x, y [m], yaw [rad], and a robot at `body_x_m` ahead have room."""
+    x, y, yaw = origin
+    (depth, width), near = TABLE_M, near_m
     ahead, across = np.meshgrid(np.linspace(near, near + depth, 9), np.linspace(-0.5, 0.5, 9) * width)
     table = np.stack([ahead.ravel(), across.ravel()], axis=1)
-    body = np.array([[-0.4, 0.0], [-0.2, 0.0], [0.0, 0.0]])
+    body = np.column_stack([body_x_m, np.zeros(len(body_x_m))])
     R_WG = rotation_z(yaw)[:2, :2]
     for points, margin in ((table, 0.05), (body, BODY_M)):
         xy = points @ R_WG.T + [x, y]

@@ -24,6 +24,7 @@ from hotice.systems.setup.setup import StationSetup
 
 if TYPE_CHECKING:
     from hotice.systems.setup.pick import PickSetting
+    from hotice.systems.setup.put import PutSetting
 
 WALK_PHASES = ("shift", "swing", "double", "stand")
 Array = NDArray[np.floating]
@@ -128,19 +129,35 @@ def _add_hand_over(
     tried = setup.config.rehearsal
     rehearsal = Rehearsal(setup, tried) if tried.horizon_s else None
     of_walk = WalkRehearsal(setup, tried) if tried.horizon_s else None
-    selector = builder.AddNamedSystem("mode_selector", ModeSelector(rule, setup.task.control_dt_s, rehearsal, of_walk))
+    arrived = None if setup.put is None else setup.put.arrived(setup.scene)
+    system = ModeSelector(rule, setup.task.control_dt_s, rehearsal, of_walk, arrived)
+    selector = builder.AddNamedSystem("mode_selector", system)
     connect(builder, pickup, "torque", selector, "pickup_torque")
     connect(builder, servo, "torque", selector, "carry_torque")
     connect(builder, pickup, "phase", selector, "phase")
     connect(builder, *sensed.contact_force, selector, "contact_force")
     if rehearsal is not None:
         connect(builder, walk, "torque", selector, "walk_torque")
+    if rehearsal is not None or setup.put is not None:
         connect(builder, *sensed.robot_state, selector, "robot_state")
+    if setup.put is not None:
+        _add_put_down(builder, setup.put, selector, sensed)
+        connect(builder, selector, "pickup_active", pickup, "active")
     for name, system in (("pickup", pickup), ("carry", policy), ("walk", walk)):
         connect(builder, system, "status", selector, f"{name}_status")
     connect(builder, selector, "carry_active", policy, "active")
     connect(builder, selector, "walk_active", walk, "active")
     return selector
+
+
+def _add_put_down(builder: DiagramBuilder, put: PutSetting, selector: ModeSelector, sensed: Sensed) -> None:
+    from hotice.control.putdown import PHASES
+
+    putdown = ControllerSystem(put.controller, PHASES, np.zeros(g1.ACTIONS))
+    _add_steps(builder, "putdown", putdown, sensed)
+    connect(builder, putdown, "torque", selector, "putdown_torque")
+    connect(builder, putdown, "status", selector, "putdown_status")
+    connect(builder, selector, "putdown_active", putdown, "active")
 
 
 def _add_walk_later(builder: DiagramBuilder, setup: StationSetup, sensed: Sensed) -> System:

@@ -44,7 +44,7 @@ SEEDS = 2**31
 """Number of seeds that a station may draw."""
 WATCHED_OF_POLICY = ("guidance",)
 """Signals that the safety monitor watches where the controller is a policy; others do not read fields."""
-TOLD = ("policy", "walk", "pickup", "mode_selector")
+TOLD = ("policy", "walk", "pickup", "putdown", "mode_selector")
 """Systems that come to a stand when they are told, and the hand-over, which waits; `hold` keeps its posture whatever
 it is told."""
 
@@ -54,8 +54,8 @@ class Station(Diagram):
 
     Attributes:
         setup: all that was decided before. The station has its attributes too: config, plant_name, controller_name,
-            scene, world, policy, task, carry, pf, pick, motors, torques, physics_dt_s, walk_plan, robot, start_qpos;
-            see `StationSetup`.
+            scene, world, policy, task, carry, pf, pick, put, motors, torques, physics_dt_s, walk_plan, robot,
+            start_qpos; see `StationSetup`.
     """
 
     def __init__(self, setup: StationSetup, meshcat: Any = None, faults: Sequence[InjectedFault] = ()) -> None:
@@ -64,6 +64,7 @@ class Station(Diagram):
         self.config, self.plant_name, self.controller_name = setup.config, setup.plant_name, setup.controller_name
         self.scene, self.world, self.pf = setup.scene, setup.world, setup.pf
         self.policy, self.task, self.carry, self.pick = setup.policy, setup.task, setup.carry, setup.pick
+        self.put = setup.put
         self.motors, self.torques, self.physics_dt_s = setup.motors, setup.torques, setup.physics_dt_s
         builder = DiagramBuilder()
         _assemble(builder, setup, meshcat, faults)
@@ -111,7 +112,7 @@ def make_station(
         config: numbers of the station.
         plant: mujoco, or drake (a MultibodyPlant of the same robot, object and scene).
         controller: policy; hold (keeps the carry posture; nobody balances, so that it topples within seconds); walk,
-            pickup (`hotice.control`); pickup_then_policy.
+            pickup (`hotice.control`); pickup_then_policy; job: the whole way, from a support to another at the goal.
         meshcat: a pydrake Meshcat to draw into; None: no visualizer.
         faults: of signals, to see what the station does about them; those of guidance for the controller `policy`
             alone.
