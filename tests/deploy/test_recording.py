@@ -26,6 +26,7 @@ from hotice.deploy.recording.replay import digests
 from hotice.deploy.recording.runner_log import kinds, width
 from hotice.deploy.runner import RobotRunner
 from hotice.deploy.runner.ways import LiveWays
+from hotice.deploy.seeing.mcap_file import messages
 from hotice.deploy.seeing.recorded import read_run
 from hotice.deploy.slot.records import STATUS, TARGETS
 from hotice.deploy.sources import PoseSample
@@ -152,6 +153,12 @@ def test_the_same_bits_again_among_what_moves(needed, tmp_path, moving):
     for ours, theirs in zip(run.readings, recorded.readings, strict=True):
         np.testing.assert_allclose(ours.vector, theirs, atol=1e-9)
     assert (run.moments["movers"][10:] == 2).all() and run.moments["movers_age_s"][10:].max() < 0.25
+    told = [message for message in messages(run) if message.channel == "movers"]
+    for message in told[5:]:
+        # as she was when the robot's time was the same: she walks from its start on
+        legs = scene.obstacles[0].at(message.time_s)
+        np.testing.assert_allclose(message.said["poses"][0], [*legs.position_m, *legs.quaternion_wxyz], atol=0.02)
+    assert len(told) > 50
 
 
 def test_what_was_changed_comes_out_otherwise(needed, tmp_path, capsys):
