@@ -276,7 +276,7 @@ def test_ctrl_c_ends_it(run):
     command = [sys.executable, "-m", "hotice", "watch", str(run)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert "live page of" in process.stdout.readline()
-    assert os.getpriority(os.PRIO_PROCESS, process.pid) == watch.LOWEST
+    assert os.getpriority(os.PRIO_PROCESS, process.pid) == watch.NICE
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == INTERRUPTED and said == "hotice: interrupted\n"

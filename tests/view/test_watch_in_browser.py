@@ -9,7 +9,7 @@ import time
 import pytest
 
 pytest.importorskip("websockets")
-from tools import browser  # noqa: E402
+from tools import browser, contrast  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(browser.found() is None, reason="needs Chromium")]
 PATIENCE_S = 120.0
@@ -89,6 +89,7 @@ def test_nothing_is_cut_off_and_whatever_can_be_used_has_a_name(page):
     wait(page, f"{VERSION} >= 1")
     hold(page, True)
     wait(page, "document.querySelectorAll('#families meter').length >= 3")
+    assert contrast.faint(page) == []
     page.call("Accessibility.enable")
     used = {"button", "checkbox", "combobox", "slider", "meter", "image", "group"}
     nodes = [n for n in page.call("Accessibility.getFullAXTree")["nodes"] if n.get("role", {}).get("value") in used]

@@ -1,6 +1,6 @@
 """`hotice watch`: a run that is trained, on a page: its curves, and walks of each new checkpoint to play.
 
-Nothing reaches the training: its log and checkpoints are read, at the lowest priority, by one thread. While no page
+Nothing reaches the training: its log and checkpoints are read, at a low priority, by one thread. While no page
 asks for walks none are made.
 """
 
@@ -26,8 +26,8 @@ from hotice.sim.physics.threads import use_threads
 
 LOOK_S = 1.0
 """Time between two looks at the run [s]."""
-LOWEST = 19
-"""Niceness: whoever trains goes first."""
+NICE = 10
+"""Niceness: whoever trains has ten times its share of a core that both want."""
 WAITING = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta http-equiv="refresh" content="1">
 <link rel="icon" href="data:,"><title>hotice watch</title></head><body><p>The run has not begun yet.</p></body></html>
@@ -38,7 +38,7 @@ def watch(config: WatchConfig, say: Callable[[str], Any], ended: threading.Event
     """Serves the page until it is interrupted or `ended`; `say` gets its address. Raises `HoticeError`."""
     ended = ended or threading.Event()
     walks = None if config.wait and not is_file(config.run / CONFIG) else _walks(config)
-    os.nice(LOWEST)
+    os.nice(NICE)
     use_threads(1)
     newest = Newest()
     with LiveServer(WAITING, newest, port=config.port) as server:

@@ -70,7 +70,7 @@ class TrainConfig:
     machine."""
     view: bool = False
     """Shows the run on a page in the browser, for this machine alone, whose address is told: its curves, and walks of
-    each new checkpoint. Another process of the lowest priority makes them; what is learned is the same."""
+    each new checkpoint. Another process of low priority makes them; what is learned is the same."""
     view_port: int = 0
     """Port of that page; 0 takes any free one."""
     physics: str = "mujoco"
