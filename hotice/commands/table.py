@@ -62,7 +62,7 @@ def evaluate(config: EvaluateConfig) -> int:
     """Score a policy, or the walking baseline, with exact collision geometry."""
     _check_names(config.scenes, config.policy)
     if config.task == "job":
-        from hotice.commands.jobs import evaluate_jobs
+        from hotice.commands.jobs.evaluate import evaluate_jobs
 
         evaluate_jobs(config)
         return 0

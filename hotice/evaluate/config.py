@@ -28,9 +28,9 @@ class EvaluateConfig:
     """One evaluation."""
 
     task: Literal["carry", "job"] = "carry"
-    """`carry`: from a carry state to the goal. `job`: the whole job, picked up from a support at the start, carried, put
-    down on a support at the goal; its trials run one after another in the Drake station (needs the extra `drake`), and
-    it refuses what it does not have: see docs/pickup.md."""
+    """`carry`: from a carry state to the goal. `job`: the whole job, picked up from a support at the start, carried,
+    put down on a support at the goal; its trials run one after another in the Drake station (needs the extra `drake`),
+    and it refuses what it does not have: see docs/pickup.md."""
     policy: str | None = None
     """Shipped policy by name, .onnx file, checkpoint folder or run; required for --controller policy, refused
     otherwise."""

@@ -102,7 +102,7 @@ def picked(held_s: Any) -> Any:
 
 
 def put_down(away_m: Any, lean_rad: Any, apart_m: Any) -> Any:
-    """Whether the object stands in its place: `away_m` off [m], leaning by `lean_rad`, the hands `apart_m` off it [m]."""
+    """Whether an object stands in its place: `away_m` off [m], leaning by `lean_rad`, hands `apart_m` off it [m]."""
     return (away_m <= PLACED_M) & (lean_rad <= PLACED_RAD) & (apart_m >= HANDS_OFF_M)
 
 

@@ -26,12 +26,15 @@ from hotice.deploy.recording.replay import digests
 from hotice.deploy.recording.runner_log import kinds, width
 from hotice.deploy.runner import RobotRunner
 from hotice.deploy.runner.ways import LiveWays
+from hotice.deploy.seeing.mcap_file import messages
+from hotice.deploy.seeing.recorded import read_run
 from hotice.deploy.slot.records import STATUS, TARGETS
 from hotice.deploy.sources import PoseSample
 from hotice.errors import InputError
 from hotice.fields import build_hod_pf
 from hotice.model import Scene
 from hotice.model.moving import walking_person
+from hotice.policy import read_fields
 from tests.deploy.messages_fixture import low_state
 from tests.deploy.simulated_fixture import Lab, command
 
@@ -60,6 +63,7 @@ class Recorded:
     def __init__(self, folder, alter=lambda kind, entry: entry, asked=None, ways=None, **log):
         self.options = asked or options(folder)
         self.made = made = prepare(self.options, lambda stage: None)
+        self.readings = []
         self.lab = lab = Lab(start="standing", noise="trained", scene=made.scene, motions_from_s=0.0)
         self.status, self.alter = np.zeros((), STATUS), alter
         about = {"options": self.options.text(), **digests(self.made)}
@@ -89,6 +93,9 @@ class Recorded:
             for i in range(TICKS):
                 runner.tick()
                 logged.after(runner)
+                if runner.estimate is not None:
+                    reading = read_fields(runner._fields, runner.estimate.percept, runner.policy.task)
+                    self.readings.append(reading.vector)
                 if ways is not None:
                     ways.wait()
                 self._live(i)
@@ -140,6 +147,18 @@ def test_the_same_bits_again_among_what_moves(needed, tmp_path, moving):
     assert len(entries["ways"].records) == (5 if moving == "live" else 0)
     ages = [float(targets["pose_age_s"]) for targets in recorded.targets[20:]]
     assert 0.09 < min(ages) and max(ages) < 0.25
+    # pages and files of the run have the fields that the runner had
+    run = read_run(tmp_path)
+    assert len(run.readings) == len(recorded.readings) == TICKS - 1
+    for ours, theirs in zip(run.readings, recorded.readings, strict=True):
+        np.testing.assert_allclose(ours.vector, theirs, atol=1e-9)
+    assert (run.moments["movers"][10:] == 2).all() and run.moments["movers_age_s"][10:].max() < 0.25
+    told = [message for message in messages(run) if message.channel == "movers"]
+    for message in told[5:]:
+        # as she was when the robot's time was the same: she walks from its start on
+        legs = scene.obstacles[0].at(message.time_s)
+        np.testing.assert_allclose(message.said["poses"][0], [*legs.position_m, *legs.quaternion_wxyz], atol=0.02)
+    assert len(told) > 50
 
 
 def test_what_was_changed_comes_out_otherwise(needed, tmp_path, capsys):

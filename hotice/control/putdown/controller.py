@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 NEAR_BY_M = 1.0
 """Farthest stance from which the robot steps to the support."""
 LEAST_AIR_M = 0.003
+PELVIS_RAD_S = 12.0
+"""Of the pelvis' task; that of a pick-up, 7, let a robot whose torso's centre of mass is off lean by 15 degrees more
+than planned, over a support 0.48 m high beyond the 60 degrees that count as a fall."""
 CATCH_M, ASIDE, REST_M, APART_M = 0.05, 0.3, 0.06, (0.12, 0.42)
 SPIN_RAD_S, SINK_M_S, LEAST_UP = 1.8, 0.4, 0.95
 """A marching robot is taken over with its foot so low, so near to rest aside (as a share of the feet's distance) and
@@ -79,6 +82,7 @@ class PutDown(Phased):
         self._floor_m = feet[:, 2]
         self._phases = Phases(self.config, self.plan, carried.mass_kg, self.squeeze_n, feet, true, ref)
         self._tracking = Tracking(carried, self.squeeze_n, true, ref)
+        self._tracking.targets.gain_frame("pelvis", [0.0, 0.0, 20.0, 10.0, 10.0, 10.0], PELVIS_RAD_S)
 
     @property
     def rate_hz(self) -> float:

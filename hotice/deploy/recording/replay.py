@@ -101,7 +101,7 @@ def digests(made: Prepared) -> dict[str, str]:
 def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, float | None]:
     """Targets in the log, how many of them come out the same, and the time of the first that do not."""
     clock, poses, tags = _ToldClock(), _Told(PoseSample.decode), _Told(TagSample.decode)
-    movers, ways = _Told(MoverSample.decode), ToldWays(made.pf, made.moving)
+    again = AroundAgain(log, options, made)
     status: list[np.ndarray] = []
     put: list[np.ndarray] = []
     estimator = estimator_of(made, poses, tags, options.pose_latency_s, options.tags_latency_s)
@@ -113,12 +113,10 @@ def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, 
         lambda: status[-1],
         lambda t: put.append(t.copy()),
         clock,
-        around_of(made, movers, ways if options.moving == "live" else None),
+        again.around,
     )
     runner.warm()
     told = {source: _by_time(log, name) for source, name in ((poses, "pose"), (tags, "tags"))}
-    told |= {movers: _by_time(log, "movers")} if made.moving else {}
-    built = _by_time(log, "ways") if made.moving else {}
     targets = _by_time(log, "targets")
     same, first = 0, None
     for time_s, record in zip(*log.entries["status"], strict=True):
@@ -127,8 +125,7 @@ def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, 
         for source, entries in told.items():
             if (entry := entries.get(time_s)) is not None:
                 source.tell(entry)
-        if (entry := built.get(time_s)) is not None:
-            ways.tell(entry["poses"][: int(entry["count"])], float(entry["measured_s"]))
+        again.tell(time_s)
         runner.tick()
         logged = targets.get(time_s)
         if (logged is None) == (not put) and (logged is None or logged.tobytes() == put[0].tobytes()):
@@ -141,6 +138,27 @@ def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, 
 def _by_time(log: Log, kind: str) -> dict[float, Any]:
     times, records = log.entries[kind]
     return dict(zip(times.tolist(), records, strict=True))
+
+
+class AroundAgain:
+    """What moved about a runner, told again from its log; `around`: for the runner, None where nothing moves."""
+
+    def __init__(self, log: Log, options: RunnerOptions, made: Prepared) -> None:
+        self._movers, self._ways = _Told(MoverSample.decode), ToldWays(made.pf, made.moving)
+        self.around = around_of(made, self._movers, self._ways if options.moving == "live" else None)
+        self._samples, self._built = (_by_time(log, kind) if made.moving else {} for kind in ("movers", "ways"))
+
+    @property
+    def times_s(self) -> list[float]:
+        """When something came [s], growing."""
+        return sorted({*self._samples, *self._built})
+
+    def tell(self, time_s: float) -> None:
+        """What came with the tick of this time [s]; then `Around.look` is the tick's."""
+        if (entry := self._samples.get(time_s)) is not None:
+            self._movers.tell(entry)
+        if (entry := self._built.get(time_s)) is not None:
+            self._ways.tell(entry["poses"][: int(entry["count"])], float(entry["measured_s"]))
 
 
 class _ToldClock:

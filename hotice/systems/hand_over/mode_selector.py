@@ -197,11 +197,11 @@ class ModeSelector(LeafSystem):
         """Torques (20,) of who commands, or on the way there."""
         mode = context.get_discrete_state(self._mode).value()[0]
         if mode in (PICKUP, HOLD):
-            return self._pickup.Eval(context)
+            return np.asarray(self._pickup.Eval(context))
         handed = context.get_discrete_state(self._times).value()[0]
         if mode == PUTDOWN:
             share = (context.get_time() - handed) / max(self.rule.back_s, 1e-9)
             return blend(context.get_discrete_state(self._left).value(), self._putdown.Eval(context), share)
         share = (context.get_time() - handed) / max(self.rule.blend_s, 1e-9)
         new = (self._walk if mode == WALK else self._carry).Eval(context)
-        return new if share >= 1.0 else blend(self._pickup.Eval(context), new, share)
+        return np.asarray(new) if share >= 1.0 else blend(self._pickup.Eval(context), new, share)

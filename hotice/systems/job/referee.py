@@ -34,7 +34,8 @@ HANDS = tuple(f"{side}_wrist_yaw_link" for side in g1.SIDES)
 class JobReferee:
     """Judge of states qpos (34,), qvel (32,) of a station's plant.
 
-    touched: what touched what, of a collision. lifted: whether the object has been off its support. least_goal_m: of the root to the goal while it was carried.
+    touched: what touched what, of a collision. lifted: whether the object has been off its support.
+    least_goal_m: of the root to the goal while it was carried.
     away_m, lean_rad, apart_m: of the object at the last look, from its place, from upright, hands off it.
     """
 

@@ -25,7 +25,7 @@ from hotice.systems.setup.config import StationConfig
 from hotice.systems.setup.table import TABLE_M, room_for
 from hotice.task.rules import arrived
 
-Array = NDArray[np.floating]
+Array = NDArray[np.float64]
 GOAL_SUPPORT = "goal_support"
 INSET_M = 0.02
 """From the support's near edge to the object."""
@@ -60,7 +60,8 @@ def put_stance(scene: Scene, config: StationConfig) -> Stance:
     way = np.array(scene.goal) - [x, y]
     yaw = float(np.arctan2(way[1], way[0])) + config.put_bearing_rad
     ahead = config.put_ahead_m * np.array([np.cos(yaw), np.sin(yaw)])
-    return Stance(*(np.array(scene.goal) + ahead).tolist(), yaw)
+    at = np.array(scene.goal) + ahead
+    return Stance(float(at[0]), float(at[1]), yaw)
 
 
 def goal_support(scene: Scene, config: StationConfig) -> Obstacle:
@@ -105,4 +106,4 @@ def plan_put(config: StationConfig, scene: Scene, grasp_above_m: float) -> PutSe
     except PutDownInfeasible as error:
         raise PutDownInfeasible(f"{error}; choose another put_height_m or put_near_m") from None
     p_WO = quat_rotate(quat_from_yaw(stance.yaw), p_GO) + [stance.x, stance.y, 0.0]
-    return PutSetting(controller=controller, p_WO=np.asarray(p_WO))
+    return PutSetting(controller=controller, p_WO=np.asarray(p_WO, dtype=np.float64))

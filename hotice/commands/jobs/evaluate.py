@@ -53,7 +53,7 @@ class Job:
 
     def row(self) -> dict[str, Any]:
         """Plain values; what is not a number is None."""
-        row = asdict(self) | {"refused": self.refused}
+        row: dict[str, Any] = asdict(self)
         result = row.pop("result")
         seconds = {f"{stage}_s": value for stage, value in result.pop("seconds").items()}
         row |= result | {f"{stage}_s": None for stage in ("pickup", "carry", "putdown")} | seconds
@@ -67,15 +67,15 @@ def evaluate_jobs(config: EvaluateConfig) -> dict[str, Any]:
     """
     from hotice.systems.job.run import run_job
 
-    if is_folder(config.policy):
+    if config.policy is not None and is_folder(config.policy):
         raise InvalidConfig(f"policy is {config.policy!r}: a job takes an exported one, make it with `hotice export`")
     if config.out is not None:
         check_writable(config.out)
         check_writable(_table_of(config.out))
     scenes, jobs, report = resolve_scenes(config.scenes), [], {}
     with counting("jobs", config.rollouts * len(scenes), 0) as told:
-        for scene in scenes:
-            for number in range(config.rollouts):
+        for number in range(config.rollouts):
+            for scene in scenes:
                 drawn, station, refused = draw_job(config, scene, number)
                 jobs.append(
                     Job(

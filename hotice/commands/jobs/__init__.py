@@ -1,0 +1,1 @@
+"""Whole jobs on the command line."""
