@@ -44,10 +44,11 @@ class PlayConfig:
     policy: str = "student"
     """Shipped policy by name, .onnx file, checkpoint folder or run; for other controllers than `policy` a name or .onnx
     file."""
-    controller: Literal["policy", "walk", "pickup", "pickup_then_policy"] = "policy"
+    controller: Literal["policy", "walk", "pickup", "pickup_then_policy", "job"] = "policy"
     """Who carries. `policy`: the policy from a carry state; `walk`: the walking baseline; `pickup`: the pick-up from a
     table, alone; `pickup_then_policy`: then hands over to the policy; if the policy fails its rehearsal the walking
-    baseline takes over; if that fails too, the pick-up keeps holding. All but `policy` need Drake."""
+    baseline takes over; if that fails too, the pick-up keeps holding; `job`: picked up, carried by the
+    policy without a rehearsal, put down on a support at the goal. All but `policy` need Drake."""
     scenes: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--scene"])] = ("open_floor",)
     """Scene names, files or folders."""
     seconds: float = 10.0

@@ -1,4 +1,4 @@
-"""Stations to look at: `hotice play --controller walk|pickup|pickup_then_policy`. Drake is imported only for them."""
+"""Stations to look at: `hotice play` with another controller than `policy`. Drake is imported only for them."""
 
 from __future__ import annotations
 
@@ -45,6 +45,8 @@ def record_stations(config: PlayConfig, scenes: Iterable[Scene]) -> list[Rollout
             runs.append(run)
             if run.hand_over is not None:
                 print(f"{scene.name}: {run.hand_over}", flush=True)
+            elif run.job is not None:
+                print(f"{scene.name}: {run.job}", flush=True)
     told = [run.hand_over for run in runs if run.hand_over is not None]
     if told:
         handed, held = (sum(report.time_s is not None and report.held == h for report in told) for h in (False, True))
@@ -63,8 +65,15 @@ def _run(config: PlayConfig, base: StationConfig, scene: Scene, rng: np.random.G
     for _ in range(DRAWS):
         carried, top = ObjectRange().sample(rng), float(rng.uniform(*TABLE_M))
         station_config = replace(base, scene=scene, carried=carried, support_height_m=top)
-        if config.controller.startswith("pickup"):
+        if config.controller != "walk":
             station_config = beside_start(scene, station_config)
+        if config.controller == "job":
+            from hotice.systems.setup.put import before_goal
+            from hotice.systems.setup.rehearsal_config import RehearsalConfig
+
+            top = float(rng.uniform(*TABLE_M))
+            station_config = replace(station_config, put_height_m=top, rehearsal=RehearsalConfig(horizon_s=0.0))
+            station_config = before_goal(scene, station_config)
         try:
             station = make_station(station_config, controller=config.controller)
         except (CarryInfeasible, PickInfeasible) as error:

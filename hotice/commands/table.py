@@ -106,7 +106,7 @@ def merge(config: MergeConfig) -> int:
 
 def play(config: PlayConfig) -> int:
     """Run a policy and write a replay page, a picture and, if asked for, a film."""
-    _check_names(config.scenes, config.policy if config.controller in ("policy", "pickup_then_policy") else None)
+    _check_names(config.scenes, config.policy if config.controller in ("policy", "pickup_then_policy", "job") else None)
     if config.view:
         from hotice.commands.live.play_view import play_view
 

@@ -30,6 +30,7 @@ COMMANDS: Groups = {
                 "hotice play --scene pillars --rollouts 4 --video pillars.mp4",
                 "hotice play --controller pickup_then_policy --scene beam --out pickup.html",
                 "hotice play --scene moving20/17_oncoming --moving live",
+                "hotice play --controller job --scene gap --rollouts 1 --out job.html",
                 "hotice play --view --scene pillars",
             ),
         ),

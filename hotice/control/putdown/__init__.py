@@ -13,8 +13,8 @@ from hotice.lazy import lazy_face
 if TYPE_CHECKING:
     from hotice.control.putdown.config import PutDownConfig
     from hotice.control.putdown.controller import PutDown
-    from hotice.control.putdown.phases import PHASES
+    from hotice.control.putdown.phases import PUT_DOWN_PHASES
 else:
     __getattr__, __dir__ = lazy_face(__name__)
 
-__all__ = ["PHASES", "PutDown", "PutDownConfig"]
+__all__ = ["PUT_DOWN_PHASES", "PutDown", "PutDownConfig"]

@@ -216,4 +216,4 @@ Phases.STEPS = {
     "done": Phases.rest,
     "abort": Phases.rest,
 }
-PHASES = tuple(Phases.STEPS)
+PUT_DOWN_PHASES = tuple(Phases.STEPS)

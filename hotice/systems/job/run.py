@@ -57,6 +57,11 @@ class JobResult:
     lean_rad: float = float("nan")
     apart_m: float = float("nan")
 
+    def __str__(self) -> str:
+        if self.outcome == "success":
+            return f"put down {100 * self.away_m:.1f} cm from its place, {self.time_s:.0f} s"
+        return f"{self.outcome.replace('_', ' ')} after {self.time_s:.0f} s: {self.why}"
+
 
 class _Watch:
     """What a monitor of the simulator sees: stages, the first failure, how long the object has stood."""

@@ -13,13 +13,14 @@ from pydrake.systems.analysis import Simulator
 
 from hotice.model import builder
 from hotice.replay import RolloutRecord
+from hotice.systems.job.run import JobResult, run_job
 from hotice.systems.logs import read_logs
 from hotice.systems.record.hand_over import HandOverReport, report_hand_over
 from hotice.systems.record.rollout import to_record
 from hotice.systems.signals import NQ, OBJECT_POS
 from hotice.systems.station.make import Station
 from hotice.task.judge import Judge
-from hotice.task.rules import arrived
+from hotice.task.rules import OUTCOMES, arrived
 
 PICK_S = 40.0
 """Longest pick-up, steps away from the table included."""
@@ -33,14 +34,17 @@ CHECK_S = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """A run: the record, and what is told of the hand-over where there is one."""
+    """A run: the record, and what is told of the hand-over, or of the whole job, where there is one."""
 
     record: RolloutRecord
     hand_over: HandOverReport | None
+    job: JobResult | None = None
 
 
 def play_station(station: Station, seconds: float) -> Run:
     """Run of a logging station: `seconds` at most after its pick-up, ends shortly after success, fall or drop."""
+    if station.controller_name == "job":
+        return _play_job(station)
     simulator = Simulator(station)
     context = simulator.get_context()
     adaptor = station.GetSubsystemByName("state_adaptor")
@@ -64,6 +68,17 @@ def play_station(station: Station, seconds: float) -> Run:
     report = report_hand_over(station, read_logs(station, context)) if hands_over else None
     who = f"{station.controller_name}: {report.who}" if report else station.controller_name
     return Run(record=to_record(station, context, policy=who), hand_over=report)
+
+
+def _play_job(station: Station) -> Run:
+    """Run of a whole job, and a moment after it; its outcome is the referee's."""
+    simulator = Simulator(station)
+    result = run_job(station, simulator)
+    simulator.clear_monitor()
+    simulator.AdvanceTo(simulator.get_context().get_time() + AFTER_S)
+    outcome = result.outcome if result.outcome in OUTCOMES else "timeout"
+    record = to_record(station, simulator.get_context(), outcome=outcome, policy=f"job: {result}")
+    return Run(record=record, hand_over=None, job=result)
 
 
 class Referee:

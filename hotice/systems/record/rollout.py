@@ -66,8 +66,14 @@ def to_record(
 def _phases(logs: Mapping[str, SignalLog]) -> Iterator[RolloutEvent]:
     """Changes of who commands, and of a pick-up's phase, as events."""
     from hotice.control.pickup import PHASES
+    from hotice.control.putdown import PUT_DOWN_PHASES
 
-    for name, kind, words in (("pickup.phase", "note", PHASES), ("mode_selector.mode", "mode", MODES)):
+    of = (
+        ("pickup.phase", "note", PHASES),
+        ("mode_selector.mode", "mode", MODES),
+        ("putdown.phase", "note", PUT_DOWN_PHASES),
+    )
+    for name, kind, words in of:
         if name in logs:
             value = logs[name].value[:, 0].astype(int)
             for row in np.flatnonzero(np.diff(value, prepend=-1)):

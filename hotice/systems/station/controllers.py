@@ -151,9 +151,9 @@ def _add_hand_over(
 
 
 def _add_put_down(builder: DiagramBuilder, put: PutSetting, selector: ModeSelector, sensed: Sensed) -> None:
-    from hotice.control.putdown import PHASES
+    from hotice.control.putdown import PUT_DOWN_PHASES
 
-    putdown = ControllerSystem(put.controller, PHASES, np.zeros(g1.ACTIONS))
+    putdown = ControllerSystem(put.controller, PUT_DOWN_PHASES, np.zeros(g1.ACTIONS))
     _add_steps(builder, "putdown", putdown, sensed)
     connect(builder, putdown, "torque", selector, "putdown_torque")
     connect(builder, putdown, "status", selector, "putdown_status")
