@@ -35,12 +35,12 @@ from hotice.console import PlainConsole
 from hotice.deploy import CheckedCommand, Link, MemoryBus
 from hotice.deploy.guard import Event, Guard, GuardConfig, Mode, Request
 from hotice.deploy.link.protocol import LinkCounts, ReceivedState
-from hotice.deploy.programs.prepare import Prepared, estimator_of
+from hotice.deploy.programs.prepare import Prepared, around_of, estimator_of
 from hotice.deploy.runner import RobotRunner
 from hotice.deploy.simulated import LivingClock, SimulatedRobot, SimulatedRobotConfig
 from hotice.deploy.simulated.lidar_map import LidarScan, pcd_of, scan
 from hotice.deploy.simulated.robot import DrawnRobot
-from hotice.deploy.sources import MemorySource, PoseSample, TagSample
+from hotice.deploy.sources import MemorySource, MoverSample, PoseSample, TagSample
 from hotice.errors import SimulationError
 from hotice.evaluate.trials import success_interval
 from hotice.fields import build_hod_pf
@@ -109,11 +109,13 @@ class Trial:
         bus = MemoryBus(self.clock)
         self.link = Withheld(bus.link())
         poses, tags = MemorySource(self.clock, PoseSample.decode), MemorySource(self.clock, TagSample.decode)
+        movers = MemorySource(self.clock, MoverSample.decode)
         self.robot = SimulatedRobot(
             config,
             bus.robot(),
             pose=poses,
             tags=tags,
+            movers=movers,
             carry=made.carry,
             scene=scene,
             drawn=None if like is None else drawn_as(like),
@@ -130,6 +132,7 @@ class Trial:
             lambda: self._status,
             self._put,
             self.clock,
+            around_of(made, movers),
         )
         self.runner.warm()
         self.guard = Guard(
@@ -157,6 +160,7 @@ class Trial:
         if self.guard.mode is Mode.READY:
             # this tick's command is the first that the robot gets
             self.link.open = True
+            self.robot.world.movers.begin()
             return (Request.CARRY,)
         return (WISHES[self.guard.mode],) if self.guard.mode in WISHES and not self.link.open else ()
 
@@ -181,7 +185,7 @@ def run_trial(
 
     `scene`: what the robot is in, by default the one that its runner knows; `like`: the trial that is repeated.
     """
-    scene = made.pf.scene if scene is None else scene
+    scene = made.scene if scene is None else scene
     trial = Trial(made, config, scene, like)
     world, goal = trial.robot.world, np.asarray(scene.goal_W[:2])
 
@@ -270,7 +274,10 @@ def _as_asked(args: argparse.Namespace) -> Iterator[Task]:
     task = PolicyTask.from_meta(policy.meta, policy.name)
     for number, scene in enumerate(resolve_scenes(args.scenes)):
         known = [mapped(scene, k) for k in range(min(MAPS, args.rollouts))] if args.from_cloud else [scene]
-        made = [Prepared(policy, build_hod_pf(each, task.resolution_m, task.margin_m), carry) for each in known]
+        made = [
+            Prepared(policy, build_hod_pf(each.still(), task.resolution_m, task.margin_m), carry, each)
+            for each in known
+        ]
         for rollout in range(args.rollouts):
             config = SimulatedRobotConfig(
                 box=BOX,
@@ -289,12 +296,12 @@ def _as_evaluated(args: argparse.Namespace) -> Iterator[Task]:
     trials = evaluated_trials(args.policy, tuple(args.scenes), args.rollouts, args.seed)
     for number, trial in enumerate(trials):
         if pf is None or pf.scene.name != trial.scene.name:
-            pf = build_hod_pf(trial.scene, task.resolution_m, task.margin_m)
+            pf = build_hod_pf(trial.scene.still(), task.resolution_m, task.margin_m)
         box = trial.carry.carried
         config = SimulatedRobotConfig(
             box=(*(2.0 * box.half_extents_m).tolist(), box.mass_kg), delays="trained", seed=args.seed + number
         )
-        yield Prepared(policy, pf, trial.carry), config, trial.scene, trial
+        yield Prepared(policy, pf, trial.carry, trial.scene), config, trial.scene, trial
 
 
 def _table(found: list[Outcome]) -> Table:

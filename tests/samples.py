@@ -32,4 +32,5 @@ def split_alone(items: list[T], is_alone: Callable[[T], bool], asked: bool, besi
     run = [item for item in items if is_alone(item) or not asked]
     if beside and not asked:
         run = [item for item in run if not is_alone(item)]
-    return run, [item for item in items if item not in run]
+    runs = {id(item) for item in run}
+    return run, [item for item in items if id(item) not in runs]

@@ -24,7 +24,7 @@ from hotice.model.generate.indoor import indoor_scenes
 from hotice.model.generate.rooms import RECIPES, furnish
 from hotice.model.generate.traversable import check_traversable
 from hotice.model.importers.house_scenes import front3d_scenes
-from hotice.replay.picture import CATEGORY_COLORS
+from hotice.replay.palette import CATEGORY_COLORS
 from hotice.replay.solids import obstacle_triangles, outline, placed
 
 FIXTURE = Path(__file__).parent.parent / "tests" / "model" / "importers" / "data" / "front3d"

@@ -56,9 +56,11 @@ class PlayConfig:
     out: Path = Path("replay.html")
     """Replay page; a picture `.png` of the same name is written beside it."""
     video: Path | None = None
-    """Film (.mp4) of one rollout; needs imageio-ffmpeg."""
-    video_of: int = 1
-    """Rollout that is filmed, by its number in the printed list."""
+    """Film (.mp4, 1080 lines) of one rollout; needs imageio-ffmpeg, and OpenGL without a screen."""
+    video_of: int = 0
+    """Rollout that is filmed, by its number in the printed list; 0: the first that succeeds, or of none the first."""
+    video_s: float = 60.0
+    """Length of the film at most: of a longer rollout its end is shown."""
     rollouts: int = 2
     """Rollouts a scene, each with another object."""
     seed: int = 0
@@ -68,6 +70,9 @@ class PlayConfig:
     delays."""
     protocol: Literal["robot", "paper"] | None = None
     """Physics and perturbations as in `hotice evaluate` (default: robot); of controller `policy` alone."""
+    moving: Literal["still", "near", "live"] = "near"
+    """What controller `policy` knows of obstacles that move, in scenes that have some, as in `hotice evaluate`:
+    `still`, nothing; `near`, distances and repulsion; `live`, also the ways that are open."""
     failures_first: bool = True
     """Lists failures before successes, by cause; otherwise scene by scene."""
     view: bool = False
@@ -84,12 +89,21 @@ class PlayConfig:
             )
         if self.video is not None and self.video.suffix != ".mp4":
             raise InvalidConfig(f"video is {str(self.video)!r}: a film is an .mp4 file")
-        checks.whole("video_of", self.video_of, Range(least=1, note="a place in the list"))
-        if self.video is None and self.video_of != 1:
-            raise InvalidConfig(f"video_of is {self.video_of!r}: nothing is filmed, give the film's file as video")
+        checks.whole("video_of", self.video_of, Range(least=0, note="a place in the list, or 0"))
+        checks.number("video_s", self.video_s, Range(least=1, most=600, unit="s"))
+        for name in ("video_of", "video_s"):
+            if self.video is None and getattr(self, name) != PlayConfig.__dataclass_fields__[name].default:
+                raise InvalidConfig(
+                    f"{name} is {getattr(self, name)!r}: nothing is filmed, give the film's file as video"
+                )
         if self.protocol is not None and self.controller != "policy":
             raise InvalidConfig(
                 f"protocol is {self.protocol!r} and controller {self.controller!r}, which has its own physics: "
+                "leave it out"
+            )
+        if self.moving != "near" and self.controller != "policy":
+            raise InvalidConfig(
+                f"moving is {self.moving!r} and controller {self.controller!r}, which knows nothing that moves: "
                 "leave it out"
             )
         if not self.scenes:
@@ -105,6 +119,10 @@ class PlayConfig:
     def _check_view(self) -> None:
         if self.controller != "policy":
             raise InvalidConfig(f"controller is {self.controller!r}: a live view shows a policy, leave it or view out")
+        if self.moving != "near":
+            raise InvalidConfig(
+                f"moving is {self.moving!r}: a live view's fields follow what moves, leave it or view out"
+            )
         for each in fields(self):
             value = getattr(self, each.name)
             if each.name not in VIEWED and value != each.default:

@@ -31,7 +31,9 @@ def robot_sim(config: RobotSimConfig) -> None:
     if usable_cores() > 1:
         take_precedence(SIMULATED_PRIORITY)
     with DdsNode(domain=config.domain, interface=config.interface) as node:
-        network = NetworkRobot(config, node, Ports(pose=config.pose_port, tags=config.tags_port))
+        network = NetworkRobot(
+            config, node, Ports(pose=config.pose_port, tags=config.tags_port, movers=config.movers_port)
+        )
         try:
             _live(config, network)
         finally:
@@ -42,7 +44,8 @@ def _live(config: RobotSimConfig, network: NetworkRobot) -> None:
     robot, console, stopped = network.robot, PlainConsole(), []
     console.print(
         f"simulated robot in {robot.world.scene.name}, {config.start}: domain {config.domain} on {config.interface}, "
-        f"pose to UDP {config.pose_port}, tags to {config.tags_port}; Ctrl-C ends"
+        f"pose to UDP {config.pose_port}, tags to {config.tags_port}"
+        f"{f', movers to {config.movers_port}' if robot.world.scene.moving else ''}; Ctrl-C ends"
     )
     # what exists now is never looked at again
     gc.collect()

@@ -8,7 +8,7 @@ from hotice import checks
 from hotice.checks import Range
 from hotice.deploy.dds.node import LARGEST_DOMAIN, LOOPBACK
 from hotice.deploy.simulated.config import SimulatedRobotConfig
-from hotice.deploy.sources.udp import POSE_PORT, TAGS_PORT
+from hotice.deploy.sources.udp import MOVERS_PORT, POSE_PORT, TAGS_PORT
 from hotice.errors import InvalidConfig
 
 ROBOT_DOMAIN = 0
@@ -29,6 +29,8 @@ class RobotSimConfig(SimulatedRobotConfig):
     """UDP port on this machine to which localization is sent."""
     tags_port: int = TAGS_PORT
     """UDP port on this machine to which corners of tags are sent."""
+    movers_port: int = MOVERS_PORT
+    """UDP port on this machine to which poses of obstacles that move are sent, for scenes that have some."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -42,3 +44,4 @@ class RobotSimConfig(SimulatedRobotConfig):
             checks.number("duration_s", self.duration_s, checks.POSITIVE)
         checks.whole("pose_port", self.pose_port, PORT)
         checks.whole("tags_port", self.tags_port, PORT)
+        checks.whole("movers_port", self.movers_port, PORT)

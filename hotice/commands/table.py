@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hotice.failures import STOPPED
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from hotice.commands.deploy.check_config import RobotCheckConfig
     from hotice.commands.deploy.config import DeployConfig
     from hotice.commands.line.benchmark_config import BenchmarkConfig
+    from hotice.commands.live.watch_config import WatchConfig
     from hotice.commands.recipes import ReproduceConfig
     from hotice.commands.robot_sim_config import RobotSimConfig
     from hotice.commands.tags_config import TagCameraConfig, TagsConfig
@@ -116,6 +118,16 @@ def play(config: PlayConfig) -> int:
     return 0
 
 
+def watch(config: WatchConfig) -> int:
+    """Show a run that is trained in the browser: its curves, and walks of each new checkpoint."""
+    from hotice.commands.live.watch import watch as run
+    from hotice.console import PlainConsole
+
+    said = PlainConsole()
+    run(config, lambda url: said.print(f"live page of {config.run}: {url} (Ctrl-C ends)", soft_wrap=True))
+    return 0
+
+
 def warm() -> int:
     """Compile what is compiled once (about a minute), so that later commands begin at once."""
     from hotice.commands.warm import warm as run
@@ -213,12 +225,29 @@ def _train(kind: Callable[[Any], Runner], config: TrainConfig) -> int:
     check_folder(config.out)
     if distributed.leads():  # the other ranks of this run would find it owned by the first
         check_unowned(config.out)
-    with doing("preparing scenes, fields and objects"):
-        runner = runner_of(kind, config)
-    done = runner.train()
+    with _watched(config):
+        with doing("preparing scenes, fields and objects"):
+            runner = runner_of(kind, config)
+        done = runner.train()
     if distributed.leads():
         _say_next(config)
     return 0 if done else STOPPED
+
+
+@contextlib.contextmanager
+def _watched(config: TrainConfig) -> Iterator[None]:
+    """Shows the run within the context, where that is asked for, by another process; tells the page's address."""
+    from hotice.learn import distributed
+
+    if not (config.view and distributed.leads()):
+        yield
+        return
+    from hotice.commands.live.watch_child import watching
+    from hotice.console import PlainConsole
+
+    with watching(config.out, config.view_port) as url:
+        PlainConsole(stderr=True).print(f"live page: {url}", soft_wrap=True)
+        yield
 
 
 def _say_next(config: TrainConfig) -> None:
@@ -242,6 +271,7 @@ COMMANDS = {
     "merge": merge,
     "export": export,
     "play": play,
+    "watch": watch,
     "warm": warm,
     "tables": tables,
     "benchmark": benchmark,

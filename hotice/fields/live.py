@@ -87,7 +87,7 @@ class LiveField:
         self.margin_m, self.params = check_margin(margin_m), params or FieldParams()
         margins, threads = (0.0, self.margin_m), checks.whole("threads", threads, checks.COUNT)
         self._obstacles = {obstacle.name: obstacle for obstacle in scene.obstacles}
-        self._empty = _momentary(scene, ())
+        self._empty = MomentaryScene.of(scene, ())
         self._given, self._ended = 0, False
         self._building: _Asked | None = None
         self._waiting: _Asked | None = None
@@ -177,7 +177,7 @@ class LiveField:
 
         Raises `InvalidScene` for two of one name, `FieldsNotBuilt` when the worker has ended.
         """
-        scene, now_s = _momentary(self._empty, obstacles), time.monotonic()
+        scene, now_s = MomentaryScene.of(self._empty, obstacles), time.monotonic()
         with self._changed:
             self._check_worker()
             self._obstacles = {obstacle.name: obstacle for obstacle in scene.obstacles}
@@ -271,10 +271,6 @@ class LiveField:
         with self._changed:
             self._ended = True
             self._changed.notify_all()
-
-
-def _momentary(scene: Scene, obstacles: Iterable[Obstacle]) -> MomentaryScene:
-    return MomentaryScene(scene.name, scene.bounds_m, scene.start, scene.goal, tuple(obstacles), scene.source)
 
 
 def _receive(field: weakref.ref[LiveField], pipe: Connection) -> None:

@@ -124,6 +124,11 @@ class Velocity:
     v_W: Vec3
     yaw_rate_rad_s: float
 
+    @property
+    def fastest(self) -> float:
+        """The larger of speed [m/s] and turning rate [rad/s]."""
+        return max(float(np.linalg.norm(self.v_W)), abs(self.yaw_rate_rad_s))
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -185,15 +190,8 @@ class Scene:
     def at(self, time_s: float) -> MomentaryScene:
         """The scene at `time_s` [s] since the start of an episode, with velocities of what moves then."""
         checks.number("time_s", time_s, error=InvalidScene)
-        return MomentaryScene(
-            self.name,
-            self.bounds_m,
-            self.start,
-            self.goal,
-            tuple(o.at(time_s) for o in self.obstacles),
-            self.source,
-            velocities=tuple(o.velocity_at(time_s) for o in self.moving),
-        )
+        velocities = tuple(o.velocity_at(time_s) for o in self.moving)
+        return MomentaryScene.of(self, (o.at(time_s) for o in self.obstacles), velocities)
 
     def signed_distance(self, p_W: ArrayLike) -> NDArray[np.float64]:
         """Exact distance to the nearest obstacle, (..., 3) in W [m] -> (...) [m]; inf without obstacles."""
@@ -332,6 +330,19 @@ class MomentaryScene(Scene):
 
     velocities: tuple[Velocity, ...] = ()
     ENDS_CLEAR: ClassVar[bool] = False
+
+    @classmethod
+    def of(cls, scene: Scene, obstacles: Iterable[Obstacle], velocities: tuple[Velocity, ...] = ()) -> MomentaryScene:
+        """The place of `scene` with other obstacles in it, as they stand just now. Raises `InvalidScene`."""
+        return cls(
+            scene.name,
+            scene.bounds_m,
+            scene.start,
+            scene.goal,
+            tuple(obstacles),
+            scene.source,
+            velocities=velocities,
+        )
 
 
 def _check_inside(scene: Scene) -> None:

@@ -63,10 +63,16 @@ def live_page(record: RolloutRecord, events: str, steering: Steering | None = No
         record: the first of its frames is the first shown, robot and object hidden until a frame comes.
         events: path of the server-sent events; each is JSON with time [s], mode, facts (name, text, whether it is
             marked), events, and geom_pos, geom_quat, arrow_pos, arrow_force, root_pos, object_pos as flat lists, which
-            are left out where robot and object are not known. It may also have tone, a class of the page's badge.
+            are left out where robot and object are not known. It may also have tone, a class of the page's badge, and
+            movers, the places in the scene of obstacles that move with their poses, or none where they are not known.
         steering: of a simulation.
     """
     return _page([_pack(record)], events, steering)
+
+
+def watched_page(records: Sequence[RolloutRecord], steering: Steering, *, frames_per_s: float = 25.0) -> str:
+    """A replay page with a panel of its own, which may hear its own server; see `write_html` for the rest."""
+    return _page([_pack(r.every(1.0 / frames_per_s)) for r in records], steering=steering)
 
 
 def _page(records: list[dict[str, Any]], live: str | None = None, steering: Steering | None = None) -> str:
@@ -77,7 +83,7 @@ def _page(records: list[dict[str, Any]], live: str | None = None, steering: Stee
         "panel": steering.html if steering else "",
         "script": f"<script>\n{steering.js}</script>" if steering else "",
         "css": (folder / "viewer.css").read_text(encoding="utf-8") + (steering.css if steering else ""),
-        "connect": "'none'" if live is None else "'self'",
+        "connect": "'none'" if live is None and steering is None else "'self'",
         "data": _script_safe(json.dumps(page, separators=(",", ":"), allow_nan=False)),
         "three": _three_js(),
         "viewer": (folder / "viewer.js").read_text(encoding="utf-8"),

@@ -16,7 +16,7 @@ from matplotlib.patches import Circle, FancyArrow
 from hotice.files import write_bytes
 from hotice.model.importers.map_obstacles import FLOOR, KEPT, NOISE
 from hotice.model.importers.scene_import import Imported
-from hotice.replay.picture import CATEGORY_COLORS, GOAL_COLOR, SGF_COLOR
+from hotice.replay.palette import CATEGORY_COLORS, GOAL_COLOR, SGF_COLOR
 from hotice.replay.solids import obstacle_triangles, outline, placed
 from hotice.task.rules import GOAL_M
 

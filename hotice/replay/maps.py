@@ -11,7 +11,7 @@ from matplotlib.patches import Circle, FancyArrow
 from numpy.typing import NDArray
 
 from hotice.model.scene import Scene
-from hotice.replay.picture import CATEGORY_COLORS, GOAL_COLOR, ROOT_COLOR
+from hotice.replay.palette import CATEGORY_COLORS, GOAL_COLOR, ROOT_COLOR
 from hotice.replay.solids import course_of, obstacle_geom, obstacle_triangles, outline, placed
 from hotice.task.rules import GOAL_M
 

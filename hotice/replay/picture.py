@@ -18,15 +18,22 @@ from numpy.typing import NDArray
 from hotice.errors import HoticeError
 from hotice.files import write_bytes
 from hotice.replay.html import describe
+from hotice.replay.palette import (
+    CATEGORY_COLORS,
+    FAILURE_COLOR,
+    GOAL_COLOR,
+    OBJECT_COLOR,
+    OGF_COLOR,
+    OTHER_COLOR,
+    OUTCOME_COLORS,
+    ROOT_COLOR,
+    SGF_COLOR,
+)
 from hotice.replay.rollout import RolloutRecord
 from hotice.replay.solids import obstacle_geom, obstacle_triangles, outline, placed, triangles
 from hotice.task.rules import GOAL_M
 
 Array = NDArray[np.float64]
-CATEGORY_COLORS = {"ground": "#b4533c", "side": "#5f7590", "overhead": "#7a5aa6"}
-SGF_COLOR, OGF_COLOR, GOAL_COLOR, ROOT_COLOR, OBJECT_COLOR = "#1f6fe5", "#e8710a", "#16a34a", "#334155", "#c2410c"
-OUTCOME_COLORS = {"success": "#15803d", "timeout": "#a16207", "running": "#a16207"}
-FAILURE_COLOR = "#b91c1c"
 ARROW_M, FIELD_SCALE = 0.3, 0.6  # a field of strength FIELD_SCALE is drawn at 63 % of ARROW_M
 LIGHT_W = np.array([-0.35, -0.55, 0.76])
 
@@ -130,7 +137,7 @@ def _draw_view(axes: Axes, record: RolloutRecord, plane: list[int], depth: int, 
         points = placed(vertices, np.array(obstacle.position_m), np.array(obstacle.quaternion_wxyz))[:, plane]
         hollow = obstacle_geom(obstacle)[0] == "mesh"
         polygons = list(points[faces]) if hollow else [outline(points)]
-        color = CATEGORY_COLORS.get(obstacle.category, "#7c8da3")
+        color = CATEGORY_COLORS.get(obstacle.category, OTHER_COLOR)
         overhead = top_view and obstacle.category == "overhead"
         axes.add_collection(
             PolyCollection(
@@ -184,7 +191,7 @@ def _draw_ghost(
 
 
 def _draw_arrows(axes: Axes, record: RolloutRecord, frame: int, plane: list[int], zorder: float) -> None:
-    start, shaft = _arrows(record, frame)
+    start, shaft = arrows_of(record, frame)
     for is_ogf, color in ((False, SGF_COLOR), (True, OGF_COLOR)):
         rows = record.arrow_is_ogf == is_ogf
         if rows.any():
@@ -248,7 +255,7 @@ def draw_frame(axes: Axes, record: RolloutRecord, frame: int, azimuth: float, el
         # Painter's algorithm: triangles are sorted by their mean distance, which only works for small ones.
         pieces = _subdivided(points[faces], 0.2)
         hiding = (pieces.mean(axis=1) - record.root_pos_W[frame]) @ back > 0.25  # in front of the robot: see-through
-        rgb = np.broadcast_to(to_rgb(CATEGORY_COLORS.get(obstacle.category, "#7c8da3")), (len(pieces), 3))
+        rgb = np.broadcast_to(to_rgb(CATEGORY_COLORS.get(obstacle.category, OTHER_COLOR)), (len(pieces), 3))
         corners.append(pieces)
         colors.append(np.column_stack([rgb, np.where(hiding, 0.4, 1.0)]))
     corner, color = np.concatenate(corners), np.concatenate(colors)
@@ -274,7 +281,7 @@ def draw_frame(axes: Axes, record: RolloutRecord, frame: int, azimuth: float, el
         )
     )
     if arrows and len(record.arrow_is_ogf):
-        start, shaft = _arrows(record, frame)
+        start, shaft = arrows_of(record, frame)
         tail, tip = project(start)[0], project(start + shaft)[0]
         colors_of = [OGF_COLOR if is_ogf else SGF_COLOR for is_ogf in record.arrow_is_ogf]
         axes.quiver(
@@ -320,7 +327,7 @@ def _solid(record: RolloutRecord, g: int, segments: int) -> tuple[Array, NDArray
     return triangles(record.geom_types[g], tuple(record.geom_sizes[g].tolist()), segments)
 
 
-def _arrows(record: RolloutRecord, frame: int) -> tuple[Array, Array]:
+def arrows_of(record: RolloutRecord, frame: int) -> tuple[Array, Array]:
     """Starts and shafts of the guidance arrows, (K, 3) each [m]; length grows with strength and stays below ARROW_M."""
     force = record.arrow_force_W[frame]
     strength = np.linalg.norm(force, axis=-1, keepdims=True)

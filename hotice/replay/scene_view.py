@@ -18,7 +18,8 @@ from hotice.model import Box, Scene
 from hotice.model.frames import quat_from_yaw, quat_mul, quat_rotate, quat_to_mat
 from hotice.model.scene import GOAL_HEIGHT_M
 from hotice.replay.meshcat_page import page_viewer
-from hotice.replay.picture import ARROW_M, CATEGORY_COLORS, FIELD_SCALE, GOAL_COLOR, OBJECT_COLOR, OGF_COLOR, SGF_COLOR
+from hotice.replay.palette import CATEGORY_COLORS, GOAL_COLOR, OBJECT_COLOR, OGF_COLOR, SGF_COLOR
+from hotice.replay.picture import ARROW_M, FIELD_SCALE
 from hotice.replay.rollout import RolloutRecord
 from hotice.replay.solids import course_of, obstacle_triangles, placed, triangles
 

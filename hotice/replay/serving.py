@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -77,6 +78,11 @@ class LiveServer(ThreadingHTTPServer):
             raise HoticeError(
                 f"{host}:{port} cannot be used for the live page: {error.strerror or error}; choose another port, or 0"
             ) from None
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Says nothing of readers that have gone: a page may be left at any time."""
+        if not isinstance(sys.exc_info()[1], ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)
 
     @property
     def url(self) -> str:

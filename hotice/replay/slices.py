@@ -16,11 +16,12 @@ from hotice.checks import Range
 from hotice.errors import InvalidConfig, UnknownName
 from hotice.fields.descent import descend
 from hotice.fields.hod_pf import GuidanceField, HodPf
+from hotice.replay.palette import GOAL_COLOR, OGF_COLOR
 
 PLANES = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}
 """Axis to the right, axis up, axis the slice is normal to."""
 QUANTITIES = ("potential", "geodesic_distance", "signed_distance", "force")
-WALL_COLOR, INFLATED_COLOR, ARROW_COLOR, GOAL_COLOR = "#334155", "#e8710a", "#0f172a", "#16a34a"
+WALL_COLOR, INFLATED_COLOR, ARROW_COLOR = "#334155", OGF_COLOR, "#0f172a"
 _CEILING = 0.98
 """Colours end at this quantile: the repulsive potential at walls would leave no shade for the rest."""
 

@@ -13,6 +13,7 @@ from hotice.model.moving.mocap import place_moving
 from hotice.model.scene import Scene
 from hotice.replay.events import MOST_TOUCHES, RolloutEvent
 from hotice.replay.shown import driven
+from hotice.task.rules import MOVES_M_S, STANDS_S, walked_into
 
 FAR_M = 1.0
 """Clearance that is not looked beyond."""
@@ -43,9 +44,10 @@ def find_touches(
     solids = np.flatnonzero((model.geom_conaffinity & met > 0) & driven(model, model.geom_bodyid)).tolist()
     solids = solids if len(obstacles) <= MOST_OBSTACLES else []
     clearance = np.full(len(qpos) if solids else 0, FAR_M)
+    moving = scene.moving if scene is not None else ()
     for frame, state in enumerate(qpos):
         data.qpos[:] = state
-        place_moving(data, scene.moving if scene is not None else (), float(time_s[frame]))
+        place_moving(data, moving, float(time_s[frame]))
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
@@ -56,12 +58,24 @@ def find_touches(
             names = solid_name(model, solid), obstacle_name(model, obstacle)
             if names not in seen and len(seen) < MOST_TOUCHES:
                 seen.add(names)
-                text = f"{names[0]} touches {names[1]}"
+                met = any(o.name == names[1] and o.velocity_at(time_s[frame]).fastest > MOVES_M_S for o in moving)
+                text = touch_text(*names, into=bool(walked_into(met, _way_m(qpos, time_s, frame))))
                 events.append(RolloutEvent(time_s=float(time_s[frame]), kind="touch", text=text, solids=names))
         if solids:
             gaps = (mujoco.mj_geomDistance(model, data, s, o, FAR_M, None) for s in solids for o in obstacles)
             clearance[frame] = min(gaps)
     return Touched(events, clearance)
+
+
+def _way_m(qpos: NDArray[np.float64], time_s: NDArray[np.floating], frame: int) -> float:
+    """How far the root, first of the state, has come in the last `STANDS_S`, or since the start, horizontally [m]."""
+    before = qpos[np.searchsorted(time_s, time_s[frame] - STANDS_S - 1e-6)]
+    return float(np.linalg.norm(qpos[frame, :2] - before[:2]))
+
+
+def touch_text(solid: str, obstacle: str, into: bool) -> str:
+    """A touch in words; `into`: it is no fault of the robot (`hotice.task.rules.walked_into`)."""
+    return f"{obstacle} walks into {solid}: the robot stands" if into else f"{solid} touches {obstacle}"
 
 
 def solid_name(model: mujoco.MjModel, geom: int) -> str:

@@ -574,6 +574,12 @@
       record.events = now.events;
       tell(record);
     }
+    // obstacles that move, and are shown where they are seen
+    now.movers?.at.forEach((o, m) => {
+      const mesh = show.obstacles[o];
+      mesh.visible = now.movers.poses !== null;
+      if (mesh.visible) place(mesh, now.movers.poses[m].slice(0, 3), now.movers.poses[m].slice(3));
+    });
     const tone = now.tone ?? (now.mode === "damping" ? "failure" : "success");
     Object.assign(heard, { mode: now.mode, tone, time: now.time });
     for (const listener of listeners) listener(now);

@@ -43,7 +43,8 @@ class Painter:
         return RolloutRecord.from_states(
             self._solids.model,
             session.walk.qpos,
-            scene=session.scene,
+            # frames say where obstacles are, not their motions
+            scene=session.scene.at(0.0),
             carried=session.choice.carried,
             time_s=[0.0],
             outcome="running",

@@ -23,7 +23,11 @@ class Obstacles:
         self.now = {obstacle.name: obstacle.at(0.0) for obstacle in scene.obstacles}
 
     def bring(self, name: str, to_W: Vec3) -> None:
-        """A hand wants one there [m], and keeps it there."""
+        """A hand wants one there [m], and keeps it there; those that share its motion, a person's parts, go along."""
+        motion, way = self._planned[name].motion, np.subtract(to_W, self.now[name].position_m)
+        for each in self.now.values() if motion else ():
+            if self._planned[each.name].motion == motion:
+                self._held[each.name] = tuple((each.position_m + way).tolist())
         self._held[name] = to_W
 
     def let_go(self) -> None:

@@ -80,11 +80,13 @@ class Session:
                 self._obey(order)
             except HoticeError as error:
                 self.walk.tell("fault", str(error))
-        moved = self._obstacles.advance(self.walk.time_s, self.walk.task.control_dt_s)
-        self.walk.world.put(moved)
+        goes_on, dt_s = not self.paused and not self.walk.ended, self.walk.task.control_dt_s
+        moved = self._obstacles.advance(self.walk.time_s + dt_s * goes_on, dt_s)
         self._show(moved)
-        if not self.paused:
-            self.walk.step()
+        if goes_on:
+            self.walk.step(moved)
+        else:
+            self.walk.world.put(moved)
 
     def _show(self, moved: tuple[Obstacle, ...]) -> None:
         """Has the fields follow."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,6 +15,8 @@ from hotice.model.scene import Obstacle
 from hotice.policy import Percept, read_fields
 from hotice.policy.carry_policy import CarryPolicy, Network
 from hotice.policy.guidance import FieldReading, read_standing
+from hotice.replay.touch import touch_text
+from hotice.task.rules import STANDS_S, walked_into
 from hotice.task.sensing import STUDENT_SENSING, SensingConfig
 from hotice.view.halting import Halting
 from hotice.view.senses import Senses
@@ -58,8 +61,10 @@ class Walk:
         self.time_s, self.over, self._ends_s = 0.0, "", np.inf
         self.events: list[dict[str, Any]] = []
         self.touches: set[tuple[str, str]] = set()
+        self._places: deque[Array] = deque(maxlen=1 + round(STANDS_S / self.task.control_dt_s))
         qpos, qvel = self.world.state()
         self.qpos: Array = qpos.copy()
+        self._places.append(self.qpos[:2])
         self.percept: Percept = self._senses.measure(qpos, qvel)
         self.reading: FieldReading = read_fields(live.fields, self.percept, self.task)
 
@@ -68,22 +73,32 @@ class Walk:
         """Why the robot stands, see `hotice.view.halting`; empty: it walks."""
         return self._halting.why
 
+    @property
+    def ended(self) -> bool:
+        """Whether time stands, for it is over."""
+        return self.time_s >= self._ends_s
+
     def tell(self, kind: str, text: str) -> None:
         """An event: a note, touch or fault."""
         self.events = [*self.events, {"time": round(self.time_s, 2), "kind": kind, "text": text}][-MOST_EVENTS:]
 
-    def step(self) -> None:
-        """Lives for a control period, by the fields as they are now; not at all when it is over."""
-        if self.time_s >= self._ends_s:
+    def step(self, coming: Iterable[Obstacle] = ()) -> None:
+        """Lives for a control period, by the fields as they are now; not at all when it has ended.
+
+        `coming`: obstacles that move meanwhile, where they are at its end.
+        """
+        if self.ended:
             return
         target = self._target()
         if target is None:
             self._end("unstable", "the policy's input or output is not finite")
             return
-        self.world.step(target, self._senses.delay)
+        self.world.step(target, self._senses.delay, coming)
         self.time_s += self.task.control_dt_s
+        self._places.append(self.world.state()[0][:2].copy())
+        way_m = float(np.linalg.norm(self._places[-1] - self._places[0]))
         for solid, obstacle in sorted(self.world.touched - self.touches):
-            self.tell("touch", f"{solid} touches {obstacle}")
+            self.tell("touch", touch_text(solid, obstacle, walked_into(obstacle in self.world.moved, way_m)))
         self.touches |= self.world.touched
         failed = self.world.failure
         if failed and not self.over:

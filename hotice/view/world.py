@@ -17,6 +17,7 @@ from hotice.model.scene import Obstacle, Scene
 from hotice.replay.touch import obstacle_name, solid_name
 from hotice.task.judge import Judge
 from hotice.task.protocols import get_protocol
+from hotice.task.rules import MOVES_M_S
 
 Array = NDArray[np.float64]
 _JOINTS = joint_index(20)
@@ -29,6 +30,7 @@ class World:
         model, data: MuJoCo's; data stands at the present configuration, its kinematics too.
         substeps: physics steps of a control step.
         touched: pairs of a solid of robot or object and an obstacle, by name, that touched in the last control step.
+        moved: names of obstacles that moved in it (`hotice.task.rules`).
     """
 
     def __init__(self, carry: CarryState, scene: Scene, control_dt_s: float) -> None:
@@ -54,6 +56,8 @@ class World:
         # the waist stands straight, the wrists as they are welded
         self._qpos, self._qvel = (part.copy() for part in RobotState.from_carry(carry).to_mujoco(29))
         self.touched: set[tuple[str, str]] = set()
+        self.moved: set[str] = set()
+        self._dt_s = control_dt_s
         self.data.qpos[:], self.data.qvel[:] = RobotState.at_start(carry, scene.start).to_mujoco()
         self.data.ctrl[:] = carry.joint_target
         mujoco.mj_forward(self.model, self.data)
@@ -68,12 +72,19 @@ class World:
         """Changes the pelvis' horizontal velocity at once by (2,) [m/s], as the pushes of evaluations do."""
         self.data.qvel[:2] += velocity_W
 
-    def step(self, target: Array, delay: int = 0) -> None:
-        """One control step with joint targets (20,) [rad], which reach the motors `delay` physics steps late."""
+    def step(self, target: Array, delay: int = 0, coming: Iterable[Obstacle] = ()) -> None:
+        """One control step with joint targets (20,) [rad], which reach the motors `delay` physics steps late.
+
+        `coming`: obstacles that are elsewhere at its end; they go there evenly.
+        """
         self.touched = set()
+        ways = [_Way(self.data, self._mocap[obstacle.name], obstacle) for obstacle in coming]
+        self.moved = {way.name for way in ways if way.length > MOVES_M_S * self._dt_s}
         for step in range(self.substeps):
             if step == min(delay, self.substeps - 1):
                 self.data.ctrl[:] = target
+            for way in ways:
+                way.go(self.data, (step + 1) / self.substeps)
             mujoco.mj_step(self.model, self.data)
             self._see_touches()
         mujoco.mj_kinematics(self.model, self.data)
@@ -98,3 +109,21 @@ class World:
         qpos[7 + _JOINTS], qvel[6 + _JOINTS] = now.qpos[7:27], now.qvel[6:26]
         qpos[36:], qvel[35:] = now.qpos[27:], now.qvel[26:]
         return qpos, qvel
+
+
+class _Way:
+    """From where a mocap body is to where its obstacle is to be; `length`: of the place [m] or turn [rad]."""
+
+    def __init__(self, data: mujoco.MjData, at: int, obstacle: Obstacle) -> None:
+        self.name, self._at = obstacle.name, at
+        self._from, self._to = data.mocap_pos[at].copy(), np.array(obstacle.position_m)
+        self._quat, quat = data.mocap_quat[at].copy(), np.array(obstacle.quaternion_wxyz)
+        # a quaternion and its negative are one orientation: the short way
+        self._quat_to = quat if quat @ self._quat >= 0.0 else -quat
+        turn = 2.0 * math.acos(min(1.0, float(self._quat_to @ self._quat)))
+        self.length = max(float(np.linalg.norm(self._to - self._from)), turn)
+
+    def go(self, data: mujoco.MjData, share: float) -> None:
+        data.mocap_pos[self._at] = self._from + share * (self._to - self._from)
+        # MuJoCo makes it a unit one
+        data.mocap_quat[self._at] = self._quat + share * (self._quat_to - self._quat)

@@ -12,6 +12,7 @@ from hotice.commands import table
 from hotice.commands.line.options import OPTIONS, SCENE_OPTIONS
 from hotice.commands.pipeline.jobs import OUTPUTS
 from hotice.commands.program import main
+from hotice.errors import HoticeError
 
 COMMANDS = (
     "train",
@@ -23,6 +24,7 @@ COMMANDS = (
     "merge",
     "export",
     "play",
+    "watch",
     "tables",
     "benchmark",
     "robot-sim",
@@ -118,6 +120,30 @@ def test_play(onnx_file, tmp_path):
     page = tmp_path / "page.html"
     assert main(["play", "--policy", str(onnx_file), "--scenes", "pillars", "--rollouts", "1", "--out", str(page)]) == 0
     assert page.stat().st_size > 10_000 and page.with_suffix(".png").is_file()
+
+
+def test_what_moves_is_known_to_play_as_it_is_told(onnx_file, tmp_path, monkeypatch, capsys):
+    asked = []
+
+    def record(policy, scene, states, conditions, *, seed):
+        asked.append((scene.name, conditions.moving.known))
+        raise HoticeError("enough")
+
+    monkeypatch.setattr("hotice.commands.play.record_rollouts", record)
+    play = [
+        "play",
+        "--policy",
+        str(onnx_file),
+        "--scenes",
+        "moving20/01_crossing",
+        "--out",
+        str(tmp_path / "page.html"),
+    ]
+    for options, known in ((["--moving", "live"], "live"), (["--moving", "still"], "still"), ([], "near")):
+        assert main([*play, *options]) == 2
+        assert asked.pop() == ("moving20/01_crossing", known)
+    assert main([*play, "--controller", "walk", "--moving", "live"]) == 2
+    assert "moving is 'live' and controller 'walk', which knows nothing that moves" in capsys.readouterr().err
 
 
 def test_tables(capsys):

@@ -44,6 +44,7 @@ LINES = {
     "merge": "merge --parts run other --out merged",
     "export": "export --policy run --out run.onnx",
     "play": "play --policy student --scenes open_floor --out play.html",
+    "watch": "watch nowhere",
     "warm": "warm",
     "tables": "tables",
     "benchmark": "benchmark --scenes open_floor --num-envs 8 --threads 1 --updates 1 --steps 10",
@@ -65,14 +66,19 @@ LINES = {
 """A short use of each command; `run` is a training that was made before."""
 NEEDS = {"robot-sim": "cyclonedds", "robot-check": "cyclonedds", "tag-camera": "cv2", "tags": "cv2"}
 """Commands that say, where this package is not there, which extra it comes with."""
-REFUSED = {"robot-check": "rows failed", "tag-camera": "no picture", "reproduce": "nope"}
+REFUSED = {
+    "watch": "config.json: no such file",
+    "robot-check": "rows failed",
+    "tag-camera": "no picture",
+    "reproduce": "nope",
+}
 """Commands whose lines end with status 2 all the same: nobody sends anything, nobody took a picture, a real one would
-take long."""
+take long, what is watched goes on until Ctrl-C."""
 ALONE = ("pipeline", "warm", "benchmark", "robot-sim", "tag-camera", "robot-check", "deploy")
 """Commands that run as one types them."""
 TOGETHER = {
     "policies": ("distill", "finetune", "merge", "export", "evaluate", "play"),
-    "new runs": ("train", "reproduce", "tables", "tags"),
+    "new runs": ("watch", "train", "reproduce", "tables", "tags"),
     "pick-ups": tuple(name for name in LINES if name.startswith("pickup")),
     "scenes": tuple(name for name in LINES if name.startswith("scene")),
 }

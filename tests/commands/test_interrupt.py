@@ -111,6 +111,7 @@ def test_every_command_ends_so(monkeypatch, capsys, run):
         "tag-camera",
         "deploy",
         "robot-check",
+        "watch",
     }  # groups; and what Ctrl-C is the way to end
     assert set(asked) == names
     for name, options in asked.items():

@@ -34,6 +34,7 @@ from hotice.learn.policy import torch_policy
         ({"controller": "walk"}, "controller is 'walk': a live view shows a policy"),
         ({"failures_first": False}, "failures_first is False"),
         ({"seconds": 3.0}, "seconds is 3.0"),
+        ({"moving": "still"}, "moving is 'still': a live view's fields follow what moves"),
         ({"view_port": 99999}, "view_port is 99999: a whole number from 0 to 65,535"),
     ],
 )

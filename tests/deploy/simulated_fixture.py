@@ -10,7 +10,7 @@ from hotice.deploy.command import LIMITS, CheckedCommand
 from hotice.deploy.estimate import SeenPose
 from hotice.deploy.link.memory import MemoryBus
 from hotice.deploy.simulated import LivingClock, SimulatedRobot, SimulatedRobotConfig
-from hotice.deploy.sources import MemorySource, PoseSample, TagSample
+from hotice.deploy.sources import MemorySource, MoverSample, PoseSample, TagSample
 from hotice.model import builder, g1
 from hotice.model.carry import CarryState, solve_carry
 from hotice.model.frames import quat_conj, quat_mul, quat_rotate
@@ -34,8 +34,15 @@ class Lab:
         self.link = self.bus.link()
         self.poses = MemorySource(self.clock, PoseSample.decode)
         self.tags = MemorySource(self.clock, TagSample.decode)
+        self.movers = MemorySource(self.clock, MoverSample.decode)
         self.robot = SimulatedRobot(
-            self.config, self.bus.robot(), pose=self.poses, tags=self.tags, carry=carry(self.config.box), scene=scene
+            self.config,
+            self.bus.robot(),
+            pose=self.poses,
+            tags=self.tags,
+            movers=self.movers,
+            carry=carry(self.config.box),
+            scene=scene,
         )
         self.world = self.robot.world
         self.clock.every_step(self.robot.step)

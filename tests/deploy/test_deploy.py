@@ -39,14 +39,12 @@ from tests.samples import sample
 
 REPOSITORY = Path(__file__).parents[2]
 DOMAINS = itertools.count(21 + 8 * (os.getpid() % 25))
-PORTS = itertools.count(48_000 + 4 * (os.getpid() % 2000), 2)
+PORTS = itertools.count(48_000 + 4 * (os.getpid() % 2000), 3)
 HEADINGS = ("From start to carried box, simulated", "From a map to a carried box, simulated")
 PAGES = int(os.environ.get("HOTICE_PAGES", "1"))
 LONG_S = 300.0
 SINKS_S = 34.0
 """The page's last key has the motors brake."""
-STATE_MS = 40.0
-"""A simulated robot that was later than this once may have had its guard brake."""
 
 
 @pytest.mark.parametrize(
@@ -62,6 +60,8 @@ STATE_MS = 40.0
         {"box": (0.3, 0.3, 0.25, 0.0)},
         {"pose_latency_s": 1.0},
         {"tags_latency_s": -1.0},
+        {"moving": "still"},
+        {"movers_port": 0},
         {"release_held": True},
         {"robot": "g1", "interface": "eth0", "map": Path("map.pcd"), "release_held": True, "dry_run": True},
     ],
@@ -263,10 +263,9 @@ def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path)
     assert robot.end() == 0
     deploy.process.send_signal(signal.SIGINT)
     assert deploy.end() == 0, deploy.text
-    if load.busy and float(re.search(r"worst (\d+\.\d+) ms", robot.text)[1]) > STATE_MS:
-        assert "state is" in deploy.text
-        pytest.skip("this machine was too busy for 500 steps a second: the guard rightly braked, or might have")
-    late = re.search(r"damping: (state is|targets are) 0\.[01]\d+ s old", deploy.text)
+    # what comes after that is the robot's end, not a late state
+    walked = deploy.text.rpartition("stopped by the operator")[0] or deploy.text
+    late = re.search(r"damping: (state is|targets are) 0\.[01]\d+ s old", walked)
     if load.busy and late:
         pytest.skip(f"this machine was too busy, the guard rightly braked: {late[0]}")
     modes = [line.split(":")[0] for line in deploy.lines if re.search(r"(asked|stopped) by the operator|reached", line)]
@@ -288,13 +287,18 @@ def test_the_page_leads_from_the_gantry_to_the_goal(heading, programs, tmp_path)
 
 @pytest.mark.slow
 def test_a_dry_run_sends_nothing_and_a_second_deployment_is_refused(programs):
+    """In a scene in which somebody walks: where she is goes from the robot's program to the runner, too."""
     network = shared()
-    deploy = programs("deploy", "--dry-run", *network)
+    network = [*network, "--scene", "moving20/01_crossing", "--movers-port", network[-1] + 1]
+    deploy = programs("deploy", "--dry-run", "--moving", "live", *network)
     deploy.hear("runner: warm")
     second = programs("deploy", *network)
     assert second.end() == 2 and "has a guard already" in second.text
-    robot = programs("robot-sim", "--start", "held", "--duration-s", 8, *network, "--press", "start@2s", "L2+up@4s")
+    held = ("--start", "held", "--duration-s", 8, "--motions-from-s", 1)
+    robot = programs("robot-sim", *held, *network, "--press", "start@2s", "L2+up@4s")
     assert robot.end() == 0
+    # the box is still aside, and not known
+    deploy.hear("localization: not known yet; box: not known yet; movers: ok")
     deploy.hear("posture: posture, asked by the operator")
     assert " 0 taken" in robot.text
     deploy.process.send_signal(signal.SIGINT)

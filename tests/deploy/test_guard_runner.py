@@ -74,6 +74,7 @@ def test_good_targets_between_bad_ones():
 STANDS_STILL = {
     "box": (dict(box_age_s=1.9), dict(box_age_s=2.0), Cause.BOX_UNSEEN),
     "pose": (dict(pose_age_s=0.9), dict(pose_age_s=1.0), Cause.POSE_AGE),
+    "movers": (dict(pose_age_s=0.9), dict(pose_age_s=1.0, movers_old=1), Cause.POSE_AGE),
     "dispute": (dict(pose_disputed=0), dict(pose_disputed=1), Cause.POSE_DISPUTED),
 }
 
@@ -89,6 +90,7 @@ def test_a_robot_that_does_not_know_where_stands_still(name):
         bench.targets[field] = value
     assert bench.seconds(0.1) is Mode.HOLD and bench.guard.cause is cause
     assert bench.ask("carry") is Mode.HOLD and "carry is refused" in bench.events[-1].text
+    assert ("what moves was seen 1.0 s ago" in bench.events[-1].text) == (name == "movers")
     for field in bad:
         bench.targets[field] = 0
     assert bench.seconds(0.5) is Mode.HOLD  # never on without a wish

@@ -191,7 +191,7 @@ def test_a_late_tick_is_shown_by_the_next_moment():
     sender, shown = MomentSender(ours), []
     for i in range(10):
         began_s = START_S + STEP_S * i + (0.015 if i == 4 else 0.0)
-        runner = SimpleNamespace(began_s=began_s, period_s=STEP_S, status=status_at(i), estimate=None)
+        runner = SimpleNamespace(began_s=began_s, period_s=STEP_S, status=status_at(i), estimate=None, around=None)
         sender.after(runner)
         if i % 3 == 0:
             shown.append(float(np.frombuffer(theirs.recv(MOMENT.itemsize), MOMENT)[0]["late_s"]))

@@ -18,26 +18,34 @@ from hotice.deploy.log.reader import read_log
 from hotice.deploy.log.writer import LogWriter
 from hotice.deploy.messages.hg import JOINTS
 from hotice.deploy.programs.options import RunnerOptions
-from hotice.deploy.programs.prepare import estimator_of, prepare
+from hotice.deploy.programs.prepare import around_of, estimator_of, prepare
 from hotice.deploy.recording import GuardLog, RunnerLog, replay_log, ring_folder
 from hotice.deploy.recording.guard_log import KINDS, LoggedSlot
 from hotice.deploy.recording.place import KEPT
 from hotice.deploy.recording.replay import digests
 from hotice.deploy.recording.runner_log import kinds, width
 from hotice.deploy.runner import RobotRunner
+from hotice.deploy.runner.ways import LiveWays
+from hotice.deploy.seeing.mcap_file import messages
+from hotice.deploy.seeing.recorded import read_run
 from hotice.deploy.slot.records import STATUS, TARGETS
 from hotice.deploy.sources import PoseSample
 from hotice.errors import InputError
+from hotice.fields import build_hod_pf
+from hotice.model import Scene
+from hotice.model.moving import walking_person
+from hotice.policy import read_fields
 from tests.deploy.messages_fixture import low_state
 from tests.deploy.simulated_fixture import Lab, command
 
 TICKS = 60
 
 
-def options(folder):
+def options(folder, scene="open_floor", moving="near"):
     return RunnerOptions(
         slot="none",
-        scene="open_floor",
+        scene=str(scene),
+        moving=moving,
         policy="student",
         box=(0.3, 0.3, 0.25, 1.5),
         pose_port=1,
@@ -49,16 +57,17 @@ def options(folder):
 class Recorded:
     """A runner that walks a simulated robot by itself, its log in a folder.
 
-    `alter` changes entries on their way; None: the entry is lost.
+    `alter` changes entries on their way; None: the entry is lost. `ways`: of what moves in the scene of `asked`.
     """
 
-    def __init__(self, folder, alter=lambda kind, entry: entry, **log):
-        self.options = options(folder)
-        self.made = prepare(self.options, lambda stage: None)
-        self.lab = lab = Lab(start="standing", noise="trained")
+    def __init__(self, folder, alter=lambda kind, entry: entry, asked=None, ways=None, **log):
+        self.options = asked or options(folder)
+        self.made = made = prepare(self.options, lambda stage: None)
+        self.readings = []
+        self.lab = lab = Lab(start="standing", noise="trained", scene=made.scene, motions_from_s=0.0)
         self.status, self.alter = np.zeros((), STATUS), alter
         about = {"options": self.options.text(), **digests(self.made)}
-        with LogWriter(folder, "runner", kinds(width(self.made.policy)), about, **log) as writer:
+        with LogWriter(folder, "runner", kinds(width(made.policy), bool(made.moving)), about, **log) as writer:
             write = writer.write
 
             def altered(kind, time_s, entry):
@@ -78,11 +87,17 @@ class Recorded:
                 logged.status_of(lambda: self.status if self.status["sequence"] else None),
                 logged.put_of(lambda targets: self.targets.append(targets.copy())),
                 logged,
+                around_of(made, logged.source("movers", lab.movers), ways),
             )
             runner.warm()
             for i in range(TICKS):
                 runner.tick()
                 logged.after(runner)
+                if runner.estimate is not None:
+                    reading = read_fields(runner._fields, runner.estimate.percept, runner.policy.task)
+                    self.readings.append(reading.vector)
+                if ways is not None:
+                    ways.wait()
                 self._live(i)
 
     def _live(self, i):
@@ -116,6 +131,34 @@ def test_the_same_bits_again(needed, tmp_path, capsys):
     assert np.abs(log.entries["action"].records["values"]).max() > 0.1
     estimates = log.entries["estimate"].records
     assert len(estimates) == TICKS - 1 and (estimates["box_age_s"] < 0.2).all()
+
+
+@pytest.mark.parametrize("moving", ["near", "live"])
+def test_the_same_bits_again_among_what_moves(needed, tmp_path, moving):
+    """Ways of the moment, which a process builds when it is ready, are in the log."""
+    scene = Scene("walks", obstacles=walking_person("ann", [(1.1, -0.9), (1.1, 0.9)], 0.8))
+    scene.save(tmp_path / "walks.json")
+    asked = options(tmp_path, tmp_path / "walks.json", moving)
+    with LiveWays(build_hod_pf(scene.still()), scene.moving) as ways:
+        recorded = Recorded(tmp_path, asked=asked, ways=ways if moving == "live" else None)
+    found, entries = replay_log(tmp_path), read_log(tmp_path, "runner").entries
+    assert found.same and found.ticks == TICKS - 1 and found.actions > 30
+    assert len(entries["movers"].records) == 11 and (entries["ways"].records["count"] == 2).all()
+    assert len(entries["ways"].records) == (5 if moving == "live" else 0)
+    ages = [float(targets["pose_age_s"]) for targets in recorded.targets[20:]]
+    assert 0.09 < min(ages) and max(ages) < 0.25
+    # pages and files of the run have the fields that the runner had
+    run = read_run(tmp_path)
+    assert len(run.readings) == len(recorded.readings) == TICKS - 1
+    for ours, theirs in zip(run.readings, recorded.readings, strict=True):
+        np.testing.assert_allclose(ours.vector, theirs, atol=1e-9)
+    assert (run.moments["movers"][10:] == 2).all() and run.moments["movers_age_s"][10:].max() < 0.25
+    told = [message for message in messages(run) if message.channel == "movers"]
+    for message in told[5:]:
+        # as she was when the robot's time was the same: she walks from its start on
+        legs = scene.obstacles[0].at(message.time_s)
+        np.testing.assert_allclose(message.said["poses"][0], [*legs.position_m, *legs.quaternion_wxyz], atol=0.02)
+    assert len(told) > 50
 
 
 def test_what_was_changed_comes_out_otherwise(needed, tmp_path, capsys):

@@ -5,12 +5,18 @@ import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from hotice.deploy.seeing import moment
 from hotice.deploy.seeing.live_frames import Painter, about_run
+from hotice.fields import build_hod_pf
+from hotice.fields.moving.momentary import momentary_pf, poses_of
+from hotice.model import BoxShape, Obstacle, Scene
+from hotice.model.moving import walking_person
+from hotice.policy import PolicyTask, read_fields
 from hotice.replay import RolloutEvent, write_html
 from hotice.replay.html import live_page
 from tests.deploy.seeing_fixture import START_S, STEP_S, estimate_at, made, status_at
@@ -67,6 +73,37 @@ def test_a_robot_that_lives(painter, tmp_path):
     np.testing.assert_allclose(living["arrow"], tip, atol=1e-5)
     assert (silent["badge"], silent["beside"]) == ("no news", "last damping, 0.8 s ago")
     assert (over["badge"], over["open"]) == ("over", False)
+
+
+def test_obstacles_that_move_are_where_they_are_seen(tmp_path):
+    """Not there before that; arrows are of the fields with them, where they are then."""
+    post = Obstacle("post", "side", BoxShape((0.2, 0.2, 1.0)), (0.8, 0.7, 0.5))
+    legs, trunk = walking_person("ann", [(1.3, -0.9), (1.3, 0.9)], 0.8)
+    scene = Scene("crossing", obstacles=(legs, post, trunk))
+    painter = Painter(json.loads(json.dumps(about_run(scene, made().carry.carried, made().policy))))
+    page, told = tmp_path / "live.html", tmp_path / "frames.json"
+    page.write_text(live_page(painter.first(), "events"), encoding="utf-8")
+
+    def frame(i, poses):
+        around = SimpleNamespace(poses=poses, age_s=0.15)
+        return painter.frame(moment(status_at(i), estimate_at(i), time_s=START_S + STEP_S * i, around=around))
+
+    before, now = frame(20, None), poses_of([o.at(1.4) for o in scene.moving])
+    seen = frame(30, now)
+    assert ("Movers", "never", True) in before["facts"] and ("Movers", "150 ms", False) in seen["facts"]
+    told.write_text(json.dumps([before]))
+    hidden = shown(page, told)[1]
+    told.write_text(json.dumps([before, seen]))
+    there = shown(page, told)[1]
+    count = len(seen["geom_pos"]) // 3
+    assert len(there["solids"]) == len(hidden["solids"]) + 2
+    assert apart(there["solids"], now[:, :3]) < 1e-3 and apart(hidden["solids"], now[:, :3]) > 0.1
+    assert count and apart(there["solids"], [post.position_m]) < 1e-6
+    # nothing of it in arrows before it is seen
+    percept, task = estimate_at(30).percept, PolicyTask.from_meta(made().policy.meta, "student")
+    pf = build_hod_pf(scene.still(), task.resolution_m, task.margin_m)
+    with_her = read_fields(momentary_pf(pf, [o.at(1.4) for o in scene.moving]), percept, task)
+    np.testing.assert_allclose(seen["arrow_force"], with_her.force_W.ravel(), atol=1e-4)
 
 
 def test_a_replay_with_events(painter, tmp_path):

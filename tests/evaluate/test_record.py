@@ -12,9 +12,11 @@ from hotice.evaluate.scorer import score_block
 from hotice.learn.policy import load_policy
 from hotice.model import Box
 from hotice.model.carry import solve_carry
-from hotice.model.geometry.shapes import BoxShape
+from hotice.model.geometry.shapes import BoxShape, SphereShape
+from hotice.model.moving import Motion, WayPoint
 from hotice.model.scene import Obstacle, Scene
 from hotice.sim.snapshot import NUM_SGF
+from hotice.task.moving import KNOWN, MovingConfig
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +66,35 @@ def test_a_rollout_ends_as_its_trial(cause, meta, states):
         assert record.time_s[-1] == pytest.approx(time_s) and np.allclose(np.diff(record.time_s), 0.02)
         assert record.distance_m == pytest.approx(distance_m, abs=1e-5)
         assert (record.scene, record.policy) == (scene, "acting")
+
+
+class Still(Acting):
+    """The robot stands in its carry state; what it reads is kept."""
+
+    def __init__(self, meta):
+        super().__init__(meta)
+        self.seen = []
+
+    def act(self, obs):
+        self.seen.append(obs.clone())
+        return super().act(obs)
+
+
+def test_who_stands_is_walked_into_and_the_touch_tells_so(meta, states):
+    """Whatever is known of it; and what is read differs by what is known."""
+    ways = tuple(WayPoint(time_s=t, position_m=(x, 0.0, 0.95)) for t, x in ((0.0, 2.2), (0.6, 0.16)))
+    ball = Obstacle("ball", "side", SphereShape(0.1), (2.2, 0.0, 0.95), motion=Motion(way_points=ways))
+    scene, read = Scene("thrown", obstacles=(ball,)), {}
+    for known in KNOWN:
+        policy, asked = Still(meta), Conditions(perturbed=False, moving=MovingConfig(known=known))
+        (record,) = record_rollouts(policy, scene, states[:1], asked, threads=1)
+        assert record.outcome == "walked_into" and 0.2 < record.time_s[-1] < 0.6
+        (touch, *_) = [event for event in record.events if event.kind == "touch"]
+        assert touch.text == "ball walks into object: the robot stands" and touch.time_s == pytest.approx(
+            record.time_s[-1]
+        )
+        read[known] = torch.stack(policy.seen)
+    assert not torch.allclose(read["still"], read["near"]) and not torch.allclose(read["near"], read["live"])
 
 
 @pytest.fixture

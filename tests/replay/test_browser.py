@@ -8,7 +8,7 @@ from hotice.replay import write_html
 from hotice.replay.events import RolloutEvent
 
 pytest.importorskip("websockets")
-from tools import browser  # noqa: E402
+from tools import browser, contrast  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(browser.found() is None, reason="needs Chromium")]
 
@@ -81,6 +81,16 @@ def test_whatever_can_be_used_has_a_name(page):
     nodes = [n for n in page.call("Accessibility.getFullAXTree")["nodes"] if n.get("role", {}).get("value") in used]
     assert len(nodes) > 12
     assert [n for n in nodes if not n.get("ignored") and not n.get("name", {}).get("value")] == []
+
+
+def test_no_text_is_faint(page):
+    assert len(contrast.texts(page)) > 20 and contrast.faint(page) == []
+    # the least that is asked for is a grey of #767676 on white, and one step lighter is too light
+    for grey, told in (("#767676", False), ("#787878", True)):
+        style = f"position: fixed; top: 0; color: {grey}; background: white"
+        page.run(f"document.body.insertAdjacentHTML('beforeend', '<p id=grey style=\"{style}\">words</p>')")
+        assert bool(contrast.faint(page)) == told
+        page.run("document.getElementById('grey').remove()")
 
 
 def test_panels_fold_on_a_phone(page):

@@ -75,7 +75,11 @@ def test_touches_are_those_of_where_it_is_then():
     found = find_touches(model, qpos, np.linspace(0.0, 1.0, 5), scene)
     np.testing.assert_allclose(found.clearance_m, [0.7, 0.45, 0.2, -0.05, -0.3], atol=1e-6)
     (event,) = found.events
-    assert event.time_s == 0.75 and event.text == "trunk touches ball"
+    assert event.time_s == 0.75 and event.text == "ball walks into trunk: the robot stands"
+    # a robot that has come 0.1 m in the last half second does not stand
+    qpos[:, 0] = np.linspace(-0.2, 0.0, 5)
+    (event,) = find_touches(model, qpos, np.linspace(0.0, 1.0, 5), scene).events
+    assert event.text == "trunk touches ball"
 
 
 def test_pictures_show_it_where_it_is(crossing):

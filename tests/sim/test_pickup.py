@@ -24,6 +24,7 @@ from hotice.model.picks.book import (
     hold_up,
 )
 from hotice.sim.observations import mirror_action
+from hotice.sim.pickup import standing
 from hotice.sim.pickup.env import PickUpEnv
 from hotice.sim.pickup.snapshot import half_span
 from hotice.sim.pickup.tables import POLICY
@@ -34,6 +35,12 @@ from hotice.task.rules import OUTCOMES
 from hotice.task.sensing import SensingConfig
 
 BOOK = Path(__file__).parent / "data" / "picks.npz"
+
+
+@pytest.fixture
+def by_the_plan(monkeypatch):
+    """Knees may come as near to the support as the plan has them, so that a teacher has nothing to change."""
+    monkeypatch.setattr(standing, "CLEAR_M", 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +85,7 @@ def test_success_is_five_seconds_without_a_break(book):
     assert codes[-2][1] == 0 and codes[-1][1] == OUTCOMES.index("success")
 
 
-def test_labels_are_the_books_targets_where_robot_and_plan_agree(book):
+def test_labels_are_the_books_targets_where_robot_and_plan_agree(book, by_the_plan):
     env = make(book, joint_noise_rad=0.0)
     put(env, [0, 1, 2, 3])
     for k in (0, 100, 300, book.steps - 1, book.steps + 50):
@@ -90,7 +97,7 @@ def test_labels_are_the_books_targets_where_robot_and_plan_agree(book):
         np.testing.assert_allclose(target, book.target[:, min(k, book.steps - 1)], atol=1e-5)
 
 
-def test_labels_add_balance_stiffness_and_the_true_gains(book):
+def test_labels_add_balance_stiffness_and_the_true_gains(book, by_the_plan):
     env = make(book, joint_noise_rad=0.0)
     put(env, [0, 1, 2, 3])
     env.memory.step[:] = 200
@@ -213,8 +220,8 @@ def test_what_no_robot_knows_is_not_in_the_observation(book):
     size = env.policy_table.size
     np.testing.assert_array_equal(env.policy_table(s), env.policy_table(changed))
     felt = s.felt
-    env.carry.course_pelvis[:, :-1] += 0.1
-    env.carry.course_rate[:] += 0.1
+    env.carry.true_pelvis[:] += 0.1
+    env.carry.true_rate[:] += 0.1
     np.testing.assert_array_equal(env.snapshot().felt, felt)
     assert (env.snapshot().offset != s.offset).all()
     assert (env.critic_table(s)[:, size:] != env.critic_table(changed)[:, size:]).any()

@@ -1,6 +1,7 @@
 """A walk that is meddled with: what is ordered happens, fields follow obstacles, and the robot finds another way."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from hotice.fields import build_hod_pf
 from hotice.fields.live import LiveField
 from hotice.model import Box, Obstacle, Scene
 from hotice.model.geometry.shapes import BoxShape
+from hotice.model.moving import walking_person
 from hotice.model.moving.motion import Motion, WayPoint
 from hotice.model.scene import MomentaryScene
 from hotice.policy import open_policy
@@ -115,6 +117,21 @@ def test_touches_are_told_by_name(session):
     walk(session, 1.5, lambda: len(session.walk.touches) > 0)
     told = [event for event in session.walk.events if event["kind"] == "touch"]
     assert told and all(event["text"].endswith("touches post") for event in told)
+
+
+def test_who_stands_is_walked_into(session, live):
+    """By an obstacle that comes before the robot has gone 0.1 m; one that stands there is touched."""
+    walk, at = session.walk, replace(POST, position_m=(0.1, -0.42, 0.5))
+    walk.world.put([at])
+    for _ in range(5):
+        at = replace(at, position_m=(0.1, at.position_m[1] + 0.03, 0.5))
+        walk.step([at] if not walk.touches else [])
+    told = [event["text"] for event in walk.events if event["kind"] == "touch"]
+    assert told and all(re.fullmatch(r"post walks into \w+: the robot stands", text) for text in told)
+    walk.world.put([replace(POST, position_m=(0.0, -0.2, 0.5))])
+    walk.step()
+    assert len(walk.events) > len(told)
+    assert str(walk.events[-1]["text"]).endswith("touches post")
 
 
 def test_a_push_is_felt_and_needs_time_that_goes_on(session):
@@ -246,6 +263,65 @@ def test_obstacles_with_a_motion_follow_it_unless_a_hand_holds_them():
         obstacles.advance(1.0, 0.02)
     assert obstacles.now["cart"] == cart.at(1.0)
     assert obstacles.restart() == (cart.at(0.0),)
+
+
+def test_parts_that_share_a_motion_are_dragged_together():
+    person = walking_person("ann", [(1.0, -1.0), (1.0, 1.0)], 0.5)
+    obstacles = Obstacles(Scene("crossing", obstacles=(*person, POST)))
+    for t in 0.02 * np.arange(21):
+        obstacles.advance(t, 0.02)
+    x, y, z = obstacles.now["ann_legs"].position_m
+    obstacles.bring("ann_legs", (x + 0.1, y - 0.2, z))
+    for _ in range(20):
+        obstacles.advance(0.4, 0.02)
+    for each in person:
+        np.testing.assert_allclose(
+            np.subtract(obstacles.now[each.name].position_m, each.at(0.4).position_m), [0.1, -0.2, 0]
+        )
+    assert obstacles.now["post"] == POST
+
+
+@pytest.fixture
+def busy():
+    """A cart that crosses behind the goal at 0.5 m/s, and the post."""
+    ways = tuple(WayPoint(time_s=t, position_m=(2.3, y, 0.0)) for t, y in ((0.0, -0.8), (2.0, 0.2)))
+    cart = Obstacle("cart", "side", BoxShape((0.1, 0.2, 1.0)), (2.3, -0.8, 0.5), motion=Motion(way_points=ways))
+    scene = Scene("busy", obstacles=(cart, POST))
+    with LiveField(scene.at(0.0)) as field:
+        policies = {"student": lambda: open_policy("student")}
+        choice = Choice(policies=policies, policy="student", carried=Box((0.3, 0.3, 0.25), 1.5), noise=False)
+        yield Session(scene, field, choice)
+
+
+def test_what_moves_goes_on_while_others_are_dragged_and_begins_anew_with_the_walk(busy):
+    cart = busy.scene.obstacles[0]
+    walk(busy, 0.5)
+    # where it is at the end of the step that the robot has lived
+    assert busy.walk.time_s == pytest.approx(0.5)
+    np.testing.assert_allclose(busy.obstacles[0].position_m, cart.at(0.5).position_m, atol=1e-9)
+    np.testing.assert_allclose(busy.walk.world.data.mocap_pos[0], busy.obstacles[0].position_m, atol=1e-9)
+    move(busy, (1.0, -0.6, 0.5))
+    walk(busy, 0.3)
+    np.testing.assert_allclose(busy.obstacles[0].position_m, cart.at(0.8).position_m, atol=1e-9)
+    assert busy.obstacles[1].position_m == (1.0, -0.6, 0.5)
+    built = busy.live.wait()
+    fresh = build_hod_pf(MomentaryScene("busy", obstacles=busy.obstacles))
+    points = np.random.default_rng(0).uniform((-0.4, -0.9, 0.1), (2.4, 0.9, 1.4), (200, 3))
+    np.testing.assert_array_equal(built.fields.sgf.sample(points), fresh.sgf.sample(points))
+    busy.order(orders.Pause(on=True))
+    walk(busy, 0.2)
+    np.testing.assert_allclose(busy.obstacles[0].position_m, cart.at(0.8).position_m, atol=1e-9)
+    busy.order(orders.Restart())
+    busy.tick()
+    assert busy.walk.time_s == 0.0 and busy.obstacles == (cart.at(0.0), replace(POST, position_m=(1.0, -0.6, 0.5)))
+    np.testing.assert_allclose(busy.walk.world.data.mocap_pos, [o.position_m for o in busy.obstacles])
+
+
+def test_the_page_takes_places_from_frames_alone(busy):
+    """A record of motions would put what moves back to its first place whenever the page is drawn between frames."""
+    walk(busy, 0.1)
+    first = Painter(busy).first()
+    assert first.scene.moving == () and first.scene.obstacles == busy.scene.at(0.0).obstacles
 
 
 def test_a_lost_worker_ends_it_when_an_obstacle_moves():

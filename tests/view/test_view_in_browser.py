@@ -1,5 +1,6 @@
 """The live view in a real browser: an obstacle is dragged, fields and ways bend, the robot finds another way."""
 
+import contextlib
 import re
 import subprocess
 import sys
@@ -8,6 +9,7 @@ import time
 import pytest
 
 from hotice.model import BoxShape, Obstacle, Scene
+from hotice.model.shipped import resolve_scenes
 
 pytest.importorskip("websockets")
 from tools import browser  # noqa: E402
@@ -22,11 +24,10 @@ BENT = "window.ways.filter((way) => way.points.some((v, i) => i % 3 === 1 && v >
 POST = Obstacle("post", "side", BoxShape((0.2, 0.3, 1.0)), (1.2, -0.7, 0.5))
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    file = tmp_path_factory.mktemp("scene") / "post.json"
-    Scene("post", obstacles=(POST,)).save(file)
-    command = [sys.executable, "-m", "hotice", "play", "--view", "--scene", str(file), "--no-perturbed"]
+@contextlib.contextmanager
+def command(scene):
+    """The page of `hotice play --view`, in the browser."""
+    command = [sys.executable, "-m", "hotice", "play", "--view", "--scene", scene, "--no-perturbed"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -39,6 +40,14 @@ def page(tmp_path_factory):
     finally:
         process.terminate()
         process.communicate()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    file = tmp_path_factory.mktemp("scene") / "post.json"
+    Scene("post", obstacles=(POST,)).save(file)
+    with command(str(file)) as shown:
+        yield shown
 
 
 def wait(page, condition):
@@ -183,3 +192,28 @@ def test_the_page_complains_of_nothing(page):
     page.drawn()
     # the refused order alone: 400
     assert [text for text in page.complaints if "400" not in text] == []
+
+
+def test_a_person_walks_by_while_a_wall_is_dragged_and_begins_anew_with_the_robot():
+    """At 0.2 m/s along the corridor against the robot, from x = 1.61 m."""
+    (scene,) = resolve_scenes(["moving20/17_oncoming"])
+    wall, _, legs, trunk = (f"window.hotice.show().obstacles[{i}].position" for i in range(4))
+    with command(scene.name) as page:
+        wait(page, f"{legs}.x < 1.5 && {trunk}.x < 1.5")
+        pause(page, True)
+        time_s, x = float(data(page, "time")), page.run(f"{legs}.x")
+        assert abs(x - scene.obstacles[2].at(time_s).position_m[0]) < 1e-3 and scene.obstacles[2].name == "person_legs"
+        page.run("document.querySelector('[data-view=top]').click()")
+        page.drawn()
+        # a page that is drawn anew between frames leaves the person there
+        assert page.run(f"{legs}.x") == x
+        before = page.run(f"{wall}.toArray()")
+        pause(page, False)
+        page.drag(on_screen(page, [*before[:2], 1.5]), on_screen(page, [before[0], before[1] - 0.1, 1.5]))
+        wait(page, f"Math.abs({wall}.y - {before[1] - 0.1}) < 0.02")
+        wait(page, f"{legs}.x < {x - 0.05} && Math.abs({trunk}.x - {legs}.x) < 1e-6")
+        pause(page, True)
+        push_button(page, "restart")
+        wait(page, "document.getElementById('view').dataset.time === '0'")
+        assert abs(page.run(f"{legs}.x") - scene.obstacles[2].position_m[0]) < 1e-3
+        assert abs(page.run(f"{wall}.y") - before[1] + 0.1) < 0.02 and page.complaints == []

@@ -98,6 +98,23 @@ def test_an_obstacle_that_comes_pushes_the_robot(states, scene):
     assert aside(replace(box, position_m=(0.0, 0.30, 0.8))) < aside(box) - 0.005
 
 
+def test_what_comes_goes_evenly_through_the_physics_steps(world, scene, monkeypatch):
+    """And counts as moving above the rule's speed alone: 5 cm/s, 1 mm a step of 20 ms."""
+    box, turned = scene.obstacles[0], tuple(quat_from_axis_angle(np.array([0.0, 0.0, 1.0]), 0.4).tolist())
+    to = replace(box, position_m=(1.4, 0.74, 0.8), quaternion_wxyz=tuple(-np.array(turned)))
+    slow = replace(scene.obstacles[1], position_m=(1.5009, -0.7, 0.8))
+    seen, step = [], mujoco.mj_step
+    monkeypatch.setattr(mujoco, "mj_step", lambda m, d: (step(m, d), seen.append((d.mocap_pos[0, 1], d.xquat.copy()))))
+    world.step(world.carry.joint_target, coming=[to, slow])
+    assert world.substeps == 10 and world.moved == {"box"}
+    np.testing.assert_allclose([y for y, _ in seen], 0.7 + 0.004 * np.arange(1, 11), atol=1e-9)
+    body = world.model.body("obstacle/box").id
+    angles = [2.0 * np.arctan2(abs(quat[body][3]), abs(quat[body][0])) for _, quat in seen]
+    np.testing.assert_allclose(angles, 0.04 * np.arange(1, 11), atol=1e-3)
+    world.step(world.carry.joint_target)
+    assert world.moved == set()
+
+
 def test_an_action_comes_late(states, scene):
     """The first steps of a late one are those of the target before."""
     worlds = [World(states[0], scene, DT_S) for _ in range(2)]

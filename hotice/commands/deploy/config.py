@@ -11,10 +11,9 @@ from hotice import checks
 from hotice.checks import Range
 from hotice.deploy.dds.node import LARGEST_DOMAIN, LOOPBACK
 from hotice.deploy.slot.slot import slot_path
-from hotice.deploy.sources.udp import POSE_PORT, TAGS_PORT
+from hotice.deploy.sources.udp import MOVERS_PORT, POSE_PORT, TAGS_PORT
 from hotice.errors import InvalidConfig
 from hotice.files import read_bytes
-from hotice.model.moving.still import only_still
 from hotice.model.scene import Scene
 from hotice.model.shipped import load_scene
 
@@ -60,6 +59,11 @@ class DeployConfig:
     """UDP port on this machine to which localization is sent."""
     tags_port: int = TAGS_PORT
     """UDP port on this machine to which corners of tags are sent."""
+    movers_port: int = MOVERS_PORT
+    """UDP port on this machine to which poses of obstacles that move are sent, for scenes that have some."""
+    moving: Literal["near", "live"] = "near"
+    """What the policy knows of obstacles that move: `near`, distances and repulsion; `live`, also the ways that are
+    open, whose fields another process builds five times a second."""
     pose_latency_s: float = 0.0
     """From a measurement of localization until its pose comes, as far as it is known [s]."""
     tags_latency_s: float = 0.0
@@ -74,6 +78,8 @@ class DeployConfig:
         checks.whole("view_port", self.view_port, Range(least=0, most=65535))
         checks.whole("pose_port", self.pose_port, PORT)
         checks.whole("tags_port", self.tags_port, PORT)
+        checks.whole("movers_port", self.movers_port, PORT)
+        checks.one_of("moving", self.moving, ("near", "live"))
         checks.number("pose_latency_s", self.pose_latency_s, LATENCY)
         checks.number("tags_latency_s", self.tags_latency_s, LATENCY)
         if self.robot == "g1" and self.interface in ("", LOOPBACK):
@@ -102,7 +108,7 @@ class DeployConfig:
 
 def fitting_scene(config: DeployConfig) -> Scene:
     """The scene, which is the given map's. Raises `HoticeError`."""
-    scene = only_still(load_scene(config.scene), "the robot's program")
+    scene = load_scene(config.scene)
     if config.map is None:
         return scene
     if scene.source is None:

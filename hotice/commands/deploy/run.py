@@ -132,6 +132,8 @@ def _runner_options(config: DeployConfig, folder: str, keep_s: float | None) -> 
         box=config.box,
         pose_port=config.pose_port,
         tags_port=config.tags_port,
+        movers_port=config.movers_port,
+        moving=config.moving,
         pose_latency_s=config.pose_latency_s,
         tags_latency_s=config.tags_latency_s,
         log=folder,

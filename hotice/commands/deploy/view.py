@@ -39,7 +39,7 @@ class View:
         self._runner: dict[str, Any] = {}
         self._guard: dict[str, Any] = {}
         self._stage = "starting"
-        self._verdicts = ("", "")
+        self._verdicts = ""
 
     def __enter__(self) -> View:
         if self._live is not None:
@@ -79,9 +79,10 @@ class View:
             self.tell(f"{name}: {said['lateness'].splitlines()[0]}")
 
     def _tell_verdicts(self, said: dict[str, Any]) -> None:
-        verdicts = str(said["pose"]), str(said["box"])
+        verdicts = f"localization: {said['pose']}; box: {said['box']}"
+        verdicts += f"; movers: {said['movers']}" if "movers" in said else ""
         if self._live is None and verdicts != self._verdicts:
-            self._console.print(f"localization: {verdicts[0]}; box: {verdicts[1]}", soft_wrap=True)
+            self._console.print(verdicts, soft_wrap=True)
         self._verdicts = verdicts
 
     def show(self, status: np.ndarray | None, targets: np.ndarray | None, now_s: float) -> None:
@@ -103,6 +104,8 @@ class View:
             since_s = now_s - targets["stamp_s"]
             table.add_row("localization", f"{_age(targets['pose_age_s'] + since_s)}, {self._runner.get('pose', '')}")
             table.add_row("box", f"{_age(targets['box_age_s'] + since_s)}, {self._runner.get('box', '')}")
+        if "movers" in self._runner:
+            table.add_row("movers", str(self._runner["movers"]))
         goal = self._runner.get("goal_m")
         table.add_row("to the goal", "not known" if goal is None else f"{goal:.2f} m")
         table.add_row("late", f"guard {_lateness(self._guard)}; runner {_lateness(self._runner)}")

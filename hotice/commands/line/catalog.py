@@ -29,9 +29,15 @@ COMMANDS: Groups = {
                 "hotice play --policy student --scene beam --out beam.html",
                 "hotice play --scene pillars --rollouts 4 --video pillars.mp4",
                 "hotice play --controller pickup_then_policy --scene beam --out pickup.html",
+                "hotice play --scene moving20/17_oncoming --moving live",
                 "hotice play --controller job --scene gap --rollouts 1 --out job.html",
                 "hotice play --view --scene pillars",
             ),
+        ),
+        Entry(
+            "watch",
+            "Show a run that is trained in the browser: its curves, and walks of each new checkpoint.",
+            ("hotice watch runs/first", "hotice watch runs/first --wait --rollouts 6"),
         ),
         Entry(
             "scene",
@@ -74,6 +80,7 @@ COMMANDS: Groups = {
             (
                 "hotice train --scenes open_floor --num-envs 512 --max-minutes 10 --out runs/first",
                 "hotice train --out runs/first --resume --max-minutes 10",
+                "hotice train --scenes bench20 --out runs/seen --view",
                 "hotice train --scenes bench20 --scan --history 5 --perturbed --out runs/second",
             ),
         ),

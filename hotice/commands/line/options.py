@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from hotice.commands.deploy.config import DeployConfig
     from hotice.commands.line.benchmark_config import BenchmarkConfig
     from hotice.commands.line.scene_config import CheckConfig, GenerateConfig, ImportConfig, ScanConfig, ShowConfig
+    from hotice.commands.live.watch_config import WatchConfig
     from hotice.commands.picks.config import PlanConfig
     from hotice.commands.recipes import ReproduceConfig
     from hotice.commands.robot_sim_config import RobotSimConfig
@@ -59,6 +60,7 @@ __all__ = [
     "TagCameraConfig",
     "TagsConfig",
     "TrainConfig",
+    "WatchConfig",
 ]
 
 
@@ -89,6 +91,7 @@ OPTIONS = LazyTypes(
         "merge": "MergeConfig",
         "export": "ExportConfig",
         "play": "PlayConfig",
+        "watch": "WatchConfig",
         "benchmark": "BenchmarkConfig",
         "robot-sim": "RobotSimConfig",
         "robot-check": "RobotCheckConfig",

@@ -1,1 +1,1 @@
-"""The live view of `hotice play --view`."""
+"""Live pages: a walk (`hotice play --view`), and a run that is trained (`hotice watch`, `hotice train --view`)."""

@@ -13,7 +13,6 @@ from hotice.commands.configs import PlayConfig
 from hotice.console import PlainConsole
 from hotice.errors import HoticeError, InvalidConfig
 from hotice.files import is_folder
-from hotice.model.moving import only_still
 from hotice.model.objects import Box
 from hotice.model.shipped import resolve_scenes
 from hotice.policy import open_policy, shipped_policies
@@ -39,13 +38,12 @@ def play_view(config: PlayConfig) -> None:
     scenes = resolve_scenes(config.scenes)
     if len(scenes) != 1:
         raise InvalidConfig(f"{len(scenes)} scenes are given: a live view shows one")
-    only_still(scenes[0], "the live view")
     policies = openers(config.policy)
     with doing("policy"):
         first = policies[config.policy]()
     task, said = PolicyTask.from_meta(first.meta, first.name), PlainConsole()
     with doing("fields"):
-        live = LiveField(scenes[0], task.resolution_m, task.margin_m)
+        live = LiveField(scenes[0].at(0.0), task.resolution_m, task.margin_m)
     with live:
         choice = Choice(
             policies=policies, policy=config.policy, carried=CARRIED, noise=config.perturbed, seed=config.seed

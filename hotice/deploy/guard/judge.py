@@ -97,7 +97,10 @@ class Judge:
         box_s, pose_s = float(newest["box_age_s"]) + age_s, float(newest["pose_age_s"]) + age_s
         unseen = "box not seen for {:.1f} s" if np.isfinite(box_s) else "box not seen yet"
         yield Finding(Cause.BOX_UNSEEN, faults.box_unseen(box_s, limits), unseen, box_s)
-        old = "localization is {:.1f} s old" if np.isfinite(pose_s) else "no localization yet"
+        if newest["movers_old"]:
+            old = "what moves was seen {:.1f} s ago" if np.isfinite(pose_s) else "what moves is not seen yet"
+        else:
+            old = "localization is {:.1f} s old" if np.isfinite(pose_s) else "no localization yet"
         yield Finding(Cause.POSE_AGE, faults.pose_age(pose_s, limits), old, pose_s)
         disputed = Reaction.HOLD if newest["pose_disputed"] else Reaction.NONE
         yield Finding(Cause.POSE_DISPUTED, disputed, "localization and tracking disagree: place the robot by hand")

@@ -49,6 +49,10 @@ class RunnerOptions:
     pose_port: int
     tags_port: int
     log: str
+    movers_port: int = 0
+    """Of what moves, in a scene in which something does; 0: any free one."""
+    moving: str = "near"
+    """What is known of what moves: "near" or "live", see `hotice.task.moving.MovingConfig`."""
     pose_latency_s: float = 0.0
     tags_latency_s: float = 0.0
     keep_s: float | None = None

@@ -14,14 +14,15 @@ from hotice.deploy.guard.loop import Lateness, run_loop
 from hotice.deploy.guard.scheduling import MAY_WAIT_FOR_DISK, RUNNER_PRIORITY, stay_in_memory
 from hotice.deploy.programs.logging import open_log, report
 from hotice.deploy.programs.options import RunnerOptions
-from hotice.deploy.programs.prepare import estimator_of, prepare
+from hotice.deploy.programs.prepare import around_of, estimator_of, prepare
 from hotice.deploy.programs.saying import Saying, ended
 from hotice.deploy.recording.replay import NAME, digests
 from hotice.deploy.recording.runner_log import RunnerLog, kinds, width
 from hotice.deploy.runner.runner import RobotRunner
+from hotice.deploy.runner.ways import LiveWays
 from hotice.deploy.seeing.live_view import LiveView
 from hotice.deploy.slot.slot import RunnerSlot
-from hotice.deploy.sources.records import PoseSample, TagSample
+from hotice.deploy.sources.records import MoverSample, PoseSample, TagSample
 from hotice.deploy.sources.udp import UdpSource
 
 TOLD_TICKS = 25
@@ -39,19 +40,37 @@ def main(options: RunnerOptions) -> None:
         tags = UdpSource(options.tags_port, TagSample.decode, clock=clock)
         stack.callback(tags.close)
         made = prepare(options, lambda stage: say(stage=stage))
+        movers = None
+        if made.moving:
+            movers = UdpSource(options.movers_port, MoverSample.decode, clock=clock)
+            stack.callback(movers.close)
         slot = RunnerSlot(options.slot)
         stack.callback(slot.close)
         say(stage="everything once, compiled where it is not yet")
         blind = estimator_of(made, poses, tags)
         # all is compiled before this process goes before others, and without the log
-        RobotRunner(made.policy, made.pf, made.carry, blind, lambda: None, lambda targets: None, clock).warm()
+        RobotRunner(
+            made.policy,
+            made.pf,
+            made.carry,
+            blind,
+            lambda: None,
+            lambda targets: None,
+            clock,
+            around_of(made, movers),
+        ).warm()
+        ways = None
+        if made.moving and options.moving == "live":
+            say(stage="fields of the moment")
+            ways = stack.enter_context(LiveWays(made.pf, made.moving))
         after = []
         if options.view_port is not None:
             say(stage="live page")
-            view = stack.enter_context(LiveView(made.pf.scene, made.carry.carried, made.policy, port=options.view_port))
+            view = stack.enter_context(LiveView(made.scene, made.carry.carried, made.policy, port=options.view_port))
             after.append(view.after)
             say(text=f"live page: {view.url}")
-        log = stack.enter_context(open_log(options, NAME, kinds(width(made.policy)), RUNNER_PRIORITY, **digests(made)))
+        logs = kinds(width(made.policy), bool(made.moving))
+        log = stack.enter_context(open_log(options, NAME, logs, RUNNER_PRIORITY, **digests(made)))
         logged = RunnerLog(log, clock)
         runner = RobotRunner(
             made.policy,
@@ -67,6 +86,7 @@ def main(options: RunnerOptions) -> None:
             logged.status_of(slot.status),
             logged.put_of(slot.put),
             logged,
+            around_of(made, movers and logged.source("movers", movers), ways),
         )
         runner.warm()
         after.append(logged.after)
@@ -95,7 +115,7 @@ def _known(runner: RobotRunner) -> dict[str, Any]:
         "pose": "not known yet" if estimate is None else estimate.pose_verdict,
         "box": "not known yet" if estimate is None else estimate.box_verdict,
         "goal_m": runner.goal_m,
-    }
+    } | ({} if runner.around is None else {"movers": runner.around.verdict})
 
 
 if __name__ == "__main__":

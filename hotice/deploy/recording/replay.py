@@ -11,11 +11,12 @@ import numpy as np
 
 from hotice.deploy.log.reader import Log, read_log
 from hotice.deploy.programs.options import RunnerOptions
-from hotice.deploy.programs.prepare import Prepared, estimator_of, prepare
+from hotice.deploy.programs.prepare import Prepared, around_of, estimator_of, prepare
 from hotice.deploy.recording.runner_log import kinds, width
 from hotice.deploy.runner.runner import RobotRunner
+from hotice.deploy.runner.ways import ToldWays
 from hotice.deploy.sources.protocol import Received, SourceCounts
-from hotice.deploy.sources.records import PoseSample, TagSample
+from hotice.deploy.sources.records import MoverSample, PoseSample, TagSample
 from hotice.errors import InputError
 from hotice.model.scene_digest import scene_digest
 from hotice.policy import PolicyTask
@@ -87,24 +88,32 @@ def prepared_again(log: Log, folder: str | Path, say: Callable[[str], None]) -> 
     for what, digest in digests(made).items():
         if then[what] != digest:
             raise InputError(f"{folder}: the {what} is another one than when the log was written")
-    if dict(log.kinds) != kinds(width(made.policy)):
+    if dict(log.kinds) != kinds(width(made.policy), bool(made.moving)):
         raise InputError(f"{folder}: the log is of another version of hotice")
     return options, made
 
 
 def digests(made: Prepared) -> dict[str, str]:
     """Fingerprints of policy and scene."""
-    return {"policy": str(made.policy.meta["sha256"]), "scene": scene_digest(made.pf.scene)}
+    return {"policy": str(made.policy.meta["sha256"]), "scene": scene_digest(made.scene)}
 
 
 def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, float | None]:
     """Targets in the log, how many of them come out the same, and the time of the first that do not."""
     clock, poses, tags = _ToldClock(), _Told(PoseSample.decode), _Told(TagSample.decode)
+    again = AroundAgain(log, options, made)
     status: list[np.ndarray] = []
     put: list[np.ndarray] = []
     estimator = estimator_of(made, poses, tags, options.pose_latency_s, options.tags_latency_s)
     runner = RobotRunner(
-        made.policy, made.pf, made.carry, estimator, lambda: status[-1], lambda t: put.append(t.copy()), clock
+        made.policy,
+        made.pf,
+        made.carry,
+        estimator,
+        lambda: status[-1],
+        lambda t: put.append(t.copy()),
+        clock,
+        again.around,
     )
     runner.warm()
     told = {source: _by_time(log, name) for source, name in ((poses, "pose"), (tags, "tags"))}
@@ -116,6 +125,7 @@ def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, 
         for source, entries in told.items():
             if (entry := entries.get(time_s)) is not None:
                 source.tell(entry)
+        again.tell(time_s)
         runner.tick()
         logged = targets.get(time_s)
         if (logged is None) == (not put) and (logged is None or logged.tobytes() == put[0].tobytes()):
@@ -128,6 +138,27 @@ def _ticks(log: Log, options: RunnerOptions, made: Prepared) -> tuple[int, int, 
 def _by_time(log: Log, kind: str) -> dict[float, Any]:
     times, records = log.entries[kind]
     return dict(zip(times.tolist(), records, strict=True))
+
+
+class AroundAgain:
+    """What moved about a runner, told again from its log; `around`: for the runner, None where nothing moves."""
+
+    def __init__(self, log: Log, options: RunnerOptions, made: Prepared) -> None:
+        self._movers, self._ways = _Told(MoverSample.decode), ToldWays(made.pf, made.moving)
+        self.around = around_of(made, self._movers, self._ways if options.moving == "live" else None)
+        self._samples, self._built = (_by_time(log, kind) if made.moving else {} for kind in ("movers", "ways"))
+
+    @property
+    def times_s(self) -> list[float]:
+        """When something came [s], growing."""
+        return sorted({*self._samples, *self._built})
+
+    def tell(self, time_s: float) -> None:
+        """What came with the tick of this time [s]; then `Around.look` is the tick's."""
+        if (entry := self._samples.get(time_s)) is not None:
+            self._movers.tell(entry)
+        if (entry := self._built.get(time_s)) is not None:
+            self._ways.tell(entry["poses"][: int(entry["count"])], float(entry["measured_s"]))
 
 
 class _ToldClock:

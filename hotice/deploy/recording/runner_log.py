@@ -11,8 +11,9 @@ from hotice.deploy.log.writer import LogWriter
 from hotice.deploy.runner.runner import RobotRunner
 from hotice.deploy.slot.records import STATUS, TARGETS
 from hotice.deploy.sources.protocol import Received, Source, SourceCounts
-from hotice.deploy.sources.records import POSE, TAGS
+from hotice.deploy.sources.records import MOVERS, POSE, TAGS
 from hotice.model.g1 import ACTIONS
+from hotice.model.scene import MAX_MOVING
 from hotice.policy import PolicySession
 from hotice.policy.percept import Percept
 
@@ -27,9 +28,19 @@ def received_type(sample: np.dtype) -> np.dtype:
 ESTIMATE = np.dtype([("percept", "<f8", Percept.SIZE), ("pose_age_s", "<f8"), ("box_age_s", "<f8"), ("disputed", "u1")])
 
 
-def kinds(observation: int) -> dict[str, np.dtype | None]:
-    """Kinds of entries, each with the time of its tick; `observation`: `width` of what the policy reads."""
-    return {
+WAYS = np.dtype([("measured_s", "<f8"), ("count", "<u4"), ("poses", "<f8", (MAX_MOVING, 7))])
+"""Ways that a tick went by for the first time: those among movers at these poses in W, seen then [s]."""
+
+
+def kinds(observation: int, moving: bool = False) -> dict[str, np.dtype | None]:
+    """Kinds of entries, each with the time of its tick.
+
+    Args:
+        observation: `width` of what the policy reads.
+        moving: whether something moves in the scene.
+    """
+    about_movers: dict[str, np.dtype | None] = {"movers": received_type(MOVERS), "ways": WAYS}
+    return (about_movers if moving else {}) | {
         "status": STATUS,
         "pose": received_type(POSE),
         "tags": received_type(TAGS),
@@ -50,7 +61,7 @@ class RunnerLog:
 
     def __init__(self, log: LogWriter, clock: Clock) -> None:
         self._log, self._clock = log, clock
-        self._tick_s = 0.0
+        self._tick_s, self._ways_s = 0.0, -np.inf
 
     def now(self) -> float:
         """A clock's: the time of the tick, which the runner asks for once. See `Clock`."""
@@ -82,7 +93,7 @@ class RunnerLog:
         return logged
 
     def source(self, name: str, source: Source[T]) -> LoggedSource[T]:
-        """A source ("pose" or "tags"), logged."""
+        """A source ("pose", "tags" or "movers"), logged."""
         return LoggedSource(name, source, self)
 
     def take(self, name: str, received: Received[Any]) -> None:
@@ -96,7 +107,13 @@ class RunnerLog:
 
     def after(self, runner: RobotRunner) -> None:
         """Logs what the tick made."""
-        estimate, policy = runner.estimate, runner.policy
+        estimate, policy, built = runner.estimate, runner.policy, runner.around and runner.around.built
+        if built and built.measured_s != self._ways_s:
+            self._ways_s = built.measured_s
+            entry = np.zeros((), WAYS)
+            entry["measured_s"], entry["count"] = built.measured_s, len(built.poses)
+            entry["poses"][: len(built.poses)] = built.poses
+            self._log.write("ways", self._tick_s, entry)
         if estimate is not None:
             entry = np.zeros((), ESTIMATE)
             entry["percept"], entry["disputed"] = estimate.percept.vector, estimate.disputed

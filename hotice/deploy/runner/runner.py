@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from hotice.deploy.clock import Clock
 from hotice.deploy.guard.modes import DRIVEN, Mode
+from hotice.deploy.runner.around import Around
 from hotice.deploy.runner.estimator import Estimate, Estimator
 from hotice.deploy.slot.records import TARGETS
 from hotice.fields.hod_pf import HodPf
+from hotice.fields.moving.momentary import MomentaryPf
 from hotice.model import g1
 from hotice.model.carry import CarryState
 from hotice.model.robot_state import RobotState, joint_index
@@ -36,6 +38,7 @@ class RobotRunner:
         estimator: of percepts
         status: the guard's (`RunnerSlot.status`); `put`: takes targets (`RunnerSlot.put`)
         clock: the guard's, too
+        around: what moves in the scene; `pf` is of what never moves then
     """
 
     def __init__(
@@ -47,9 +50,10 @@ class RobotRunner:
         status: Callable[[], np.ndarray | None],
         put: Callable[[np.ndarray], None],
         clock: Clock,
+        around: Around | None = None,
     ) -> None:
         self.policy = CarryPolicy(policy, carry)
-        self._pf, self._carry, self._estimator = pf, carry, estimator
+        self._pf, self._carry, self._estimator, self.around = pf, carry, estimator, around
         self._status, self._put, self._clock = status, put, clock
         self._targets = np.zeros((), TARGETS)
         self._targets["q"] = self.all_joints(self.policy.rest)
@@ -81,11 +85,16 @@ class RobotRunner:
         """Runs percept, fields and policy a few times at the start of the scene; until then no guard moves anything."""
         held = RobotState.from_carry(self._carry)
         percept = PerceptModel(self._carry.carried)(*held.to_mujoco(len(g1.ALL_JOINTS)))
+        fields = self._pf if self.around is None else self.around.guess()
         for _ in range(WARM_STEPS):
-            reading = read_fields(self._pf, percept, self.policy.task)
+            reading = read_fields(fields, percept, self.policy.task)
             self.policy.act(percept, self._standing(reading, percept))
         self._resting()
         self._targets["warm"] = 1
+
+    @property
+    def _fields(self) -> HodPf | MomentaryPf:
+        return self._pf if self.around is None else self.around.fields
 
     def all_joints(self, q: Array) -> Array:
         """Targets (29,) of targets (20,): the waist straight, the wrists as in the carry state [rad]."""
@@ -110,6 +119,8 @@ class RobotRunner:
         if status["sequence"]:
             estimate = self._estimator.update(status["state"], began_s, float(status["received_s"]))
         self.estimate = estimate
+        if self.around is not None:
+            self.around.look(began_s)
         if mode is Mode.HOLD:
             # who stands is seen by the operator, but stands by what it was sure of: by a wrong heading it would walk
             self._estimator.acknowledge()
@@ -123,7 +134,9 @@ class RobotRunner:
         targets["number"] += 1
         targets["stamp_s"], targets["state_sequence"] = began_s, status["sequence"]
         targets["q"] = self.all_joints(q)
-        targets["pose_age_s"] = np.inf if estimate is None else estimate.pose_age_s
+        pose_s = np.inf if estimate is None else estimate.pose_age_s
+        movers_s = 0.0 if self.around is None else self.around.age_s
+        targets["pose_age_s"], targets["movers_old"] = max(pose_s, movers_s), movers_s > pose_s
         targets["box_age_s"] = np.inf if estimate is None else estimate.box_age_s
         targets["pose_disputed"] = estimate is not None and estimate.disputed
         self._put(targets)
@@ -137,9 +150,11 @@ class RobotRunner:
     def _moving(self, mode: Mode, estimate: Estimate | None) -> Array | None:
         if estimate is None:
             return None
-        reading = read_fields(self._pf, estimate.percept, self.policy.task)
-        # a place that is disputed is not gone by, not for the moment either that the guard takes to hold
-        if mode is Mode.CARRY and not estimate.disputed:
+        reading = read_fields(self._fields, estimate.percept, self.policy.task)
+        # a place that is disputed is not gone by, nor are movers long unseen, not for the moment either that the guard
+        # takes to hold
+        sure = not estimate.disputed and (self.around is None or self.around.sure)
+        if mode is Mode.CARRY and sure:
             there = arrived(float(reading.goal_distance[0]))
             self._targets["done"] = there
             # who stops there stands at the goal, not where it was when it was near enough

@@ -12,7 +12,8 @@ from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.limits import GuardLimits
 from hotice.deploy.guard.modes import Mode
 from hotice.deploy.seeing.moments import CALM, arrows_of, complete, is_ogf, named, percept_of, state_of, verdicts_of
-from hotice.fields.hod_pf import build_hod_pf
+from hotice.fields.hod_pf import HodPf, build_hod_pf
+from hotice.fields.moving.momentary import MomentaryPf, momentary_pf, moved
 from hotice.model.frames import quat_from_yaw
 from hotice.model.geometry.shapes import MeshShape
 from hotice.model.objects import CarriedObject, object_from_dict
@@ -55,7 +56,7 @@ class Painter:
         self.carried: CarriedObject = object_from_dict(about["carried"])
         self._task = PolicyTask.from_meta(about["task"], self.policy)
         self._ogf = is_ogf(self._task.object_field)
-        self._pf = build_hod_pf(self.scene, self._task.resolution_m, self._task.margin_m)
+        self._pf = build_hod_pf(self.scene.still(), self._task.resolution_m, self._task.margin_m)
         self._solids = ShownSolids(PerceptModel(self.carried).model)
         self._limits = limits or GuardLimits()
         self._events: list[dict[str, Any]] = []
@@ -70,7 +71,8 @@ class Painter:
         return RolloutRecord.from_states(
             self._solids.model,
             qpos,
-            scene=self.scene,
+            # frames say where what moves is, not its motions
+            scene=self.scene.at(0.0),
             carried=self.carried,
             time_s=[0.0],
             outcome="running",
@@ -95,12 +97,13 @@ class Painter:
             event = {"time": since_s, "kind": "mode" if cause in CALM else "fault", "text": f"{mode}: {cause}"}
             self._events = [*self._events, event][-SHOWN_EVENTS:]
         facts = [("Because of", cause, False), *self._timely(shown)]
-        frame = {"time": since_s, "mode": mode, "facts": facts, "events": self._events}
+        frame = {"time": since_s, "mode": mode, "facts": facts, "events": self._events} | self._moved(shown)
+        facts += self._seen(shown)
         if not complete(shown.reshape(1))[0]:
             facts.append(("Robot and box", "not known yet", True))
             return frame
         percept = percept_of(shown)
-        reading = read_fields(self._pf, percept, self._task)
+        reading = read_fields(self._fields(shown), percept, self._task)
         facts += [*self._believed(shown), *_guided(reading, walks=int(shown["mode"]) == Mode.CARRY)]
         placed, (points, forces) = self._solids.place(state_of(shown)), arrows_of(percept, reading)
         return frame | {
@@ -111,6 +114,22 @@ class Painter:
             "arrow_pos": _rounded(points),
             "arrow_force": _rounded(forces),
         }
+
+    def _moved(self, shown: np.ndarray) -> dict[str, Any]:
+        """Place of each obstacle that moves in the scene's list, and where it is, or that this is not known."""
+        at = [i for i, obstacle in enumerate(self.scene.obstacles) if obstacle.motion is not None]
+        poses = shown["movers_pose"][: int(shown["movers"])]
+        known = [_rounded(pose) for pose in poses] if len(poses) == len(at) else None
+        return {"movers": {"at": at, "poses": known}} if at else {}
+
+    def _fields(self, shown: np.ndarray) -> HodPf | MomentaryPf:
+        moving, poses = self.scene.moving, shown["movers_pose"][: int(shown["movers"])]
+        return momentary_pf(self._pf, moved(moving, poses)) if moving and len(poses) == len(moving) else self._pf
+
+    def _seen(self, shown: np.ndarray) -> Iterator[Fact]:
+        if self.scene.moving:
+            age_s = float(shown["movers_age_s"]) if shown["movers"] else math.inf
+            yield "Movers", _age(age_s), not age_s <= self._limits.pose_s
 
     def _timely(self, shown: np.ndarray) -> Iterator[Fact]:
         state_s, late_s = float(shown["state_age_s"]), float(shown["late_s"])

@@ -69,7 +69,8 @@ class MomentSender:
         self._late_s = max(self._late_s, late_s if np.isfinite(late_s) else 0.0)
         if runner.status is None or not self.due(runner.began_s):
             return
-        if self.show(moment(runner.status, runner.estimate, time_s=runner.began_s, late_s=self._late_s)):
+        seen = moment(runner.status, runner.estimate, time_s=runner.began_s, late_s=self._late_s, around=runner.around)
+        if self.show(seen):
             self._late_s = 0.0
 
     def close(self) -> None:

@@ -52,6 +52,10 @@ CHANNELS: dict[str, dict[str, dict[str, Any]]] = {
         "goal_distance_m": NUMBER,
         "nearest_m": NUMBER,
     },
+    "movers": {
+        "poses": {"type": "array", "items": numbers(7)},
+        "age_s": NUMBER,
+    },
     "targets": {
         "number": WHOLE,
         "q": numbers(29),
@@ -115,6 +119,8 @@ def messages(run: RecordedRun) -> Iterator[Message]:
         time_s = float(shown["time_s"])
         yield Message("estimate", time_s, _estimate(shown))
         yield Message("guidance", time_s, _guidance(reading))
+        if count := int(shown["movers"]):
+            yield Message("movers", time_s, {"poses": shown["movers_pose"][:count], "age_s": shown["movers_age_s"]})
     for time_s, targets in zip(run.targets.time_s, run.targets.records, strict=True):
         said = {name: targets[name] for name in ("number", "q", "tau", "pose_age_s", "box_age_s")}
         yield Message("targets", float(time_s), said | {name: bool(targets[name]) for name in ("warm", "done")})

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.modes import Mode
 from hotice.deploy.messages.hg import JOINTS
+from hotice.deploy.runner.around import Around
 from hotice.deploy.runner.estimator import Estimate
 from hotice.model import g1
 from hotice.model.frames import mat_to_quat
+from hotice.model.scene import MAX_MOVING
 from hotice.policy.guidance import FieldReading
 from hotice.policy.measuring import attitude
 from hotice.policy.percept import NUM_SGF, Percept
@@ -33,26 +35,41 @@ MOMENT = np.dtype(
         ("disputed", "u1"),
         ("pose_verdict", "S40"),
         ("box_verdict", "S40"),
+        ("movers", "<u4"),
+        ("movers_age_s", "<f8"),
+        ("movers_pose", "<f8", (MAX_MOVING, 7)),
     ]
 )
 """When the tick began, and how much later than a period after the one before [s] (live: the worst since the moment
 before); mode and cause by number; age of the state, inf before the first [s]; whether anything is believed yet;
-measured joints in the order of `g1.ALL_JOINTS` [rad]; what was believed, with its ages [s] and verdicts."""
+measured joints in the order of `g1.ALL_JOINTS` [rad]; what was believed, with its ages [s] and verdicts; of how many
+obstacles that move it is known where they are, since when, and where: position [m] and quaternion wxyz in W."""
 
 
-def moment(status: np.ndarray, estimate: Estimate | None, *, time_s: float, late_s: float = 0.0) -> np.ndarray:
+def moment(
+    status: np.ndarray,
+    estimate: Estimate | None,
+    *,
+    time_s: float,
+    late_s: float = 0.0,
+    around: Around | None = None,
+) -> np.ndarray:
     """A moment () of `MOMENT`.
 
     Args:
         status: the guard's, a record () of `STATUS`
         estimate: of this tick, None while nothing is believed
         time_s: when the tick began [s]; late_s: how much later than a period after the one before [s]
+        around: what moves, after this tick
     """
     shown = np.zeros((), MOMENT)
     shown["time_s"], shown["late_s"] = time_s, late_s
     shown["mode"], shown["cause"] = status["mode"], status["cause"]
     shown["state_age_s"] = time_s - status["received_s"] if status["sequence"] else np.inf
     shown["joint_pos"] = status["state"]["motor_state"]["q"][JOINTS]
+    if around is not None and around.poses is not None:
+        shown["movers"], shown["movers_age_s"] = len(around.poses), around.age_s
+        shown["movers_pose"][: len(around.poses)] = around.poses
     if estimate is None:
         return shown
     shown["known"] = 1

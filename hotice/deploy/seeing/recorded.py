@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +13,13 @@ import numpy as np
 from hotice.deploy.guard.faults import Cause
 from hotice.deploy.guard.modes import Mode
 from hotice.deploy.log.reader import Entries, Log, read_log
-from hotice.deploy.recording.replay import NAME, prepared_again
+from hotice.deploy.recording.replay import NAME, AroundAgain, prepared_again
 from hotice.deploy.runner.estimator import Estimate
 from hotice.deploy.seeing.moments import MOMENT, complete, moment, named, percept_of, spoken
 from hotice.documents import parse_json
 from hotice.errors import InputError
+from hotice.fields.hod_pf import HodPf
+from hotice.fields.moving.momentary import MomentaryPf
 from hotice.model.objects import CarriedObject
 from hotice.model.scene import Scene
 from hotice.policy import PolicyTask, read_fields
@@ -63,7 +66,8 @@ def read_run(folder: str | Path, say: Callable[[str], None] = lambda text: None)
     runner = read_log(folder, NAME)
     options, made = prepared_again(runner, folder, say)
     task = PolicyTask.from_meta(made.policy.meta, made.policy.name)
-    moments = _moments(runner, task.control_dt_s)
+    again = AroundAgain(runner, options, made)
+    moments, fields = _moments(runner, task.control_dt_s, again, made.pf)
     if not len(moments):
         raise InputError(f"{folder}: the runner never knew where it was: there is nothing to show")
     guarded = any(Path(folder).glob(f"{GUARD}-*.log"))
@@ -73,17 +77,21 @@ def read_run(folder: str | Path, say: Callable[[str], None] = lambda text: None)
         policy=options.policy,
         object_field=task.object_field,
         moments=moments,
-        readings=[read_fields(made.pf, percept_of(each), task) for each in moments],
+        readings=[read_fields(pf, percept_of(each), task) for pf, each in zip(fields, moments, strict=True)],
         events=_told(read_log(folder, GUARD)) if guarded else _seen(runner.entries["status"]),
         targets=runner.entries["targets"],
     )
 
 
-def _moments(log: Log, period_s: float) -> np.ndarray:
+Fields = HodPf | MomentaryPf
+
+
+def _moments(log: Log, period_s: float, again: AroundAgain, still: HodPf) -> tuple[np.ndarray, list[Fields]]:
+    """Moments at which a robot can be shown, and the fields that the runner had then."""
     believed, status = log.entries["estimate"], log.entries["status"]
     ticks_s = np.unique(np.concatenate([log.entries[kind].time_s for kind in ("status", "estimate", "targets")]))
     late_s = np.diff(ticks_s, prepend=ticks_s[:1] - period_s) - period_s
-    found = []
+    found, fields, came = [], [], deque(again.times_s)
     for t, record in zip(believed.time_s, believed.records, strict=True):
         i = int(np.searchsorted(status.time_s, t))
         if i == len(status.time_s) or status.time_s[i] != t:
@@ -98,9 +106,17 @@ def _moments(log: Log, period_s: float) -> np.ndarray:
             box_verdict="",
         )
         late = max(0.0, float(late_s[np.searchsorted(ticks_s, t)]))
-        found.append(moment(status.records[i], estimate, time_s=float(t), late_s=late))
+        around = again.around
+        if around is not None:
+            while came and came[0] <= t:
+                again.tell(came[0])
+                around.look(came.popleft())
+            around.look(float(t))
+        fields.append(still if around is None else around.fields)
+        found.append(moment(status.records[i], estimate, time_s=float(t), late_s=late, around=around))
     moments = np.array(found, MOMENT)
-    return moments[complete(moments)]
+    shown = complete(moments)
+    return moments[shown], [pf for pf, there in zip(fields, shown.tolist(), strict=True) if there]
 
 
 def _told(log: Log) -> list[tuple[float, LoggedEvent]]:

@@ -59,7 +59,11 @@ class SimulatedRobotConfig:
     """What goes wrong and when: NAME@STARTs, or NAME@STARTs+DURATIONs, for example tag-loss@3s or tick-frozen@4s+0.5s.
     push and battery-low take none. Names: state-silent, state-lost, state-late, state-doubled, state-bad-crc,
     state-nan, tick-frozen, push, second-publisher, remote-loss, battery-low, motor-hot, motor-error, encoder-jump,
-    joints-swapped, tag-loss, tag-foreign, pose-loss, pose-frozen, pose-jump, pose-turn, pose-nan."""
+    joints-swapped, tag-loss, tag-foreign, pose-loss, pose-frozen, pose-jump, pose-turn, pose-nan, movers-loss,
+    movers-nan."""
+    motions_from_s: float | None = None
+    """When the motions of the scene's obstacles begin [s]; without it with the gamepad's R1+X, which begins the carry.
+    Until then they are where they begin."""
     press: tuple[str, ...] = ()
     """Keys of the gamepad pressed for 0.2 s, or longer: KEYS@STARTs, or KEYS@STARTs+DURATIONs, for example L2+B@4s."""
     move: tuple[str, ...] = ()
@@ -84,6 +88,8 @@ class SimulatedRobotConfig:
             )
         checks.number("battery_percent", self.battery_percent, Range(least=0, most=100, unit="percent"))
         checks.number("drift_m_s", self.drift_m_s, checks.NOT_NEGATIVE)
+        if self.motions_from_s is not None:
+            checks.number("motions_from_s", self.motions_from_s, checks.NOT_NEGATIVE)
         checks.whole("seed", self.seed, checks.INT64)
         # read once for what they raise
         _ = self.mishaps, self.presses, self.moves

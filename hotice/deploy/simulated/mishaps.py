@@ -45,6 +45,8 @@ MISHAPS = {
     "pose-jump": "localization is 0.2 m off",
     "pose-turn": "localization is turned by 30°",
     "pose-nan": "localization says not a number",
+    "movers-loss": "who sees obstacles that move is silent",
+    "movers-nan": "who sees obstacles that move says not a number",
 }
 """Every mishap and what happens."""
 ONCE = ("battery-low", "push")

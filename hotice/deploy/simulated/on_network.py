@@ -23,10 +23,11 @@ NO_SUCH_CALL = 3203
 
 @dataclass(frozen=True, kw_only=True)
 class Ports:
-    """UDP ports on this machine to which localization and tags are sent."""
+    """UDP ports on this machine to which localization, tags and poses of what moves are sent."""
 
     pose: int
     tags: int
+    movers: int
 
 
 class NetworkRobot:
@@ -38,8 +39,8 @@ class NetworkRobot:
         self._end = DdsRobot(node)
         self._battery = DdsBatteryEnd(node)
         self._switcher = DdsServer(node, SERVICE, self._answer)
-        self._senders = UdpSender(ports.pose), UdpSender(ports.tags)
-        self.robot = SimulatedRobot(config, self._end, pose=self._senders[0], tags=self._senders[1])
+        self._senders = pose, tags, movers = [UdpSender(port) for port in (ports.pose, ports.tags, ports.movers)]
+        self.robot = SimulatedRobot(config, self._end, pose=pose, tags=tags, movers=movers)
 
     def step(self) -> None:
         """Lives 2 ms. Raises `SimulationError`, `LinkError`."""

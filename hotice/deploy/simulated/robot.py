@@ -26,6 +26,7 @@ from hotice.deploy.simulated.moving import Moving
 from hotice.deploy.simulated.outgoing_states import OutgoingStates
 from hotice.deploy.simulated.remote import SimulatedRemote
 from hotice.deploy.simulated.senses.localization import Localization, MapPlace
+from hotice.deploy.simulated.senses.mover_sight import MoverSight
 from hotice.deploy.simulated.senses.states import StateWriter
 from hotice.deploy.simulated.senses.tag_sight import CORNER_PX, LATENCY_S, TagSight
 from hotice.deploy.simulated.start import hang
@@ -35,7 +36,6 @@ from hotice.deploy.simulated.world import STEP_S, World
 from hotice.deploy.sources.protocol import Sender
 from hotice.deploy.tags import box_bundle
 from hotice.model.carry import CarryState, solve_carry
-from hotice.model.moving.still import only_still
 from hotice.model.scene import Scene
 from hotice.model.shipped import load_scene
 from hotice.task.protocols import get_protocol
@@ -43,6 +43,8 @@ from hotice.task.sensing import STUDENT_SENSING, draw_delays
 
 GIVE_KEY, LOWER_KEY = "F1", "F2"
 """Keys of the gamepad by which whoever stands beside the robot gives it the object, and lowers the gantry."""
+CARRY_KEYS = frozenset({"R1", "X"})
+"""Keys that begin the carry; by default the motions of the scene begin with them."""
 OWN_CONTROLLER = "ai"
 LOOK_STEPS = 5
 """Steps from one look for the story to the next."""
@@ -68,7 +70,8 @@ class SimulatedRobot:
 
     Attributes:
         world: robot, object and scene. remote: its gamepad. gantry: what holds or steadies it. handing: the object.
-        states: what it says of itself, its battery too. localization, sight: its sources, None without a sender.
+        states: what it says of itself, its battery too. localization, sight, mover_sight: its sources, None without a
+            sender.
         story: what happened to it so far.
         steps: how many it has lived. epoch_s: its start on the clock by which its sources stamp [s].
     """
@@ -80,6 +83,7 @@ class SimulatedRobot:
         *,
         pose: Sender | None = None,
         tags: Sender | None = None,
+        movers: Sender | None = None,
         carry: CarryState | None = None,
         scene: Scene | None = None,
         drawn: DrawnRobot | None = None,
@@ -89,7 +93,8 @@ class SimulatedRobot:
         Args:
             config: choices about it.
             end: the robot's end of a link.
-            pose, tags: take the samples of localization (`PoseSample`) and of the head camera (`TagSample`).
+            pose, tags, movers: take the samples of localization (`PoseSample`), of the head camera (`TagSample`), and
+                of who sees what moves (`MoverSample`), where something does.
             carry: how it holds the configuration's box; default: `solve_carry`.
             scene: default: the configuration's.
             drawn: default: by the configuration's `dynamics` and `delays`.
@@ -101,7 +106,7 @@ class SimulatedRobot:
         protocol = get_protocol("robot")
         self.world = World(
             carry or solve_carry(config.carried),
-            only_still(scene or load_scene(config.scene), "the simulated robot"),
+            scene or load_scene(config.scene),
             protocol,
             protocol.dynamics if config.dynamics == "drawn" else protocol.nominal,
             config.seed,
@@ -116,7 +121,7 @@ class SimulatedRobot:
         """What the motors do now."""
         self._own = not held
         self.world.motors.command(self.told)
-        self._open_senses(pose, tags, drawn)
+        self._open_senses(pose, tags, movers, drawn)
         self._due: deque[tuple[float, MotorCommand]] = deque()
         self._heard = 0
         self.story = Story()
@@ -124,7 +129,9 @@ class SimulatedRobot:
         self._keys_before: frozenset[str] = frozenset()
         self._presses = deque(sorted(config.presses, key=lambda press: press.from_s))
 
-    def _open_senses(self, pose: Sender | None, tags: Sender | None, drawn: DrawnRobot | None) -> None:
+    def _open_senses(
+        self, pose: Sender | None, tags: Sender | None, movers: Sender | None, drawn: DrawnRobot | None
+    ) -> None:
         config, world = self.config, self.world
         late, self._command_delay_s = False, 0.0
         if drawn is not None:
@@ -136,14 +143,17 @@ class SimulatedRobot:
         mishaps = Mishaps(config.mishaps)
         self._suffering = Suffering(mishaps, config.seed, config.machine)
         self._outgoing = OutgoingStates(self.end, late_steps, mishaps.of_states(), config.seed)
-        self.localization = self.sight = None
+        self.localization = self.sight = self.mover_sight = None
+        place = MapPlace(map_in_scene(world.scene)) if config.localized_in == "scan" else None
+        if movers is not None and world.scene.moving:
+            self.mover_sight = MoverSight(world, movers, place=place)
         if pose is not None:
             self.localization = Localization(
                 world,
                 pose,
                 config.sensing,
                 self._rng(4),
-                place=MapPlace(map_in_scene(world.scene)) if config.localized_in == "scan" else None,
+                place=place,
                 drift_m_s=config.drift_m_s,
                 latency_s=late_steps * STEP_S,
             )
@@ -201,8 +211,8 @@ class SimulatedRobot:
         self._suffering.of_states(self.time_s, self.states, self.remote)
         state = self.states.write(self.remote.bytes(self.time_s), np.asarray(self.told.on, bool))
         self._outgoing.send(state, self.time_s)
-        self._suffering.of_sources(self.time_s, self.localization, self.sight)
-        for sensor in (self.localization, self.sight):
+        self._suffering.of_sources(self.time_s, self.localization, self.sight, self.mover_sight)
+        for sensor in (self.localization, self.sight, self.mover_sight):
             if sensor is not None:
                 sensor.live(self.time_s, self.epoch_s + self.time_s)
         if self.steps % LOOK_STEPS == 0:
@@ -250,6 +260,9 @@ class SimulatedRobot:
             self.handing.go_on()
         if LOWER_KEY in new:
             self.gantry.lower()
+        from_s = self.config.motions_from_s
+        if keys >= CARRY_KEYS if from_s is None else self.time_s >= from_s - 1e-9:
+            self.world.movers.begin()
 
     def _rng(self, stream: int) -> np.random.Generator:
         return np.random.default_rng([self.config.seed, stream])

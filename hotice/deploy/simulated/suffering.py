@@ -11,6 +11,7 @@ from hotice.deploy.link.protocol import RobotEnd
 from hotice.deploy.simulated.mishaps import Mishaps
 from hotice.deploy.simulated.remote import SimulatedRemote
 from hotice.deploy.simulated.senses.localization import Localization
+from hotice.deploy.simulated.senses.mover_sight import MoverSight
 from hotice.deploy.simulated.senses.states import StateWriter
 from hotice.deploy.simulated.senses.tag_sight import TagSight
 from hotice.deploy.simulated.world import World
@@ -50,8 +51,10 @@ class Suffering:
         states.swapped = now("joints-swapped", time_s)
         remote.lost = now("remote-loss", time_s)
 
-    def of_sources(self, time_s: float, localization: Localization | None, sight: TagSight | None) -> None:
-        """Localization and tags."""
+    def of_sources(
+        self, time_s: float, localization: Localization | None, sight: TagSight | None, movers: MoverSight | None
+    ) -> None:
+        """Localization, tags, and who sees what moves."""
         now = self._mishaps.now
         if localization is not None:
             localization.lost, localization.frozen = now("pose-loss", time_s), now("pose-frozen", time_s)
@@ -60,3 +63,5 @@ class Suffering:
             localization.turn_rad = TURN_RAD if now("pose-turn", time_s) else 0.0
         if sight is not None:
             sight.lost, sight.foreign = now("tag-loss", time_s), now("tag-foreign", time_s)
+        if movers is not None:
+            movers.lost, movers.nan = now("movers-loss", time_s), now("movers-nan", time_s)

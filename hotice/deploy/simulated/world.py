@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 import mujoco
@@ -13,10 +14,12 @@ from hotice.errors import SimulationError
 from hotice.model import builder, g1
 from hotice.model.carry import CarryState, holding_torques
 from hotice.model.dynamics import DynamicsConfig, perturb
+from hotice.model.moving.mocap import Movers
 from hotice.model.robot_state import RobotState
 from hotice.model.scene import Scene
 from hotice.task.judge import Judge
 from hotice.task.protocols import Protocol
+from hotice.task.rules import MOVES_M_S, STANDS_S, walked_into
 
 Array = NDArray[np.float64]
 STEP_S = 0.002
@@ -29,6 +32,7 @@ class World:
 
     Attributes:
         model, data: MuJoCo's; data stands at the present configuration, its kinematics too.
+        movers: what moves in the scene, waiting for `Movers.begin`.
         carry: the carry state that the object is held in, at the scene's origin.
         start: the robot and its object in the carry state, standing at the scene's start.
     """
@@ -52,6 +56,8 @@ class World:
             model = perturb(model, dynamics, np.random.default_rng([seed, 1]))
         self.model, self.data = model, mujoco.MjData(model)
         self.carry, self.scene = carry, scene
+        self.movers = Movers(self.data, scene, STEP_S)
+        self._places: deque[Array] = deque(maxlen=1 + round(STANDS_S / STEP_S))
         self.motors = Motors(model)
         self.start = RobotState.at_start(carry, scene.start)
         self._judge = Judge(model)
@@ -69,12 +75,23 @@ class World:
 
     def step(self) -> None:
         """One physics step of the motors' command and the forces laid on. Raises `SimulationError`."""
+        self.movers.step()
         self.motors.actuate(self.data)
         mujoco.mj_step(self.model, self.data)
-        self.touched = self.touched or self._judge.collision(self.data)
+        self._places.append(self.data.qpos[:2].copy())
+        self.touched = self.touched or self._touch()
         if not np.isfinite(self.data.qpos.dot(self.data.qpos) + self.data.qvel.dot(self.data.qvel)):
             raise SimulationError(f"physics diverged at {self.data.time:.3f} s: the state is not finite")
         mujoco.mj_kinematics(self.model, self.data)
+
+    def _touch(self) -> str:
+        """A collision with an obstacle now, by its name in `hotice.task.rules`; empty for none."""
+        outcome = self._judge.collision(self.data)
+        if not outcome or not self.scene.moving:
+            return outcome
+        met = bool(self._judge.met(self.data) & self.movers.fast(MOVES_M_S))
+        way_m = float(np.linalg.norm(self._places[-1] - self._places[0]))
+        return "walked_into" if walked_into(met, way_m) else outcome
 
     def push(self, velocity_W: ArrayLike) -> None:
         """Changes the pelvis' horizontal velocity at once by (2,) [m/s], as the pushes of evaluations do."""

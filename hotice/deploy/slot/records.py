@@ -20,7 +20,8 @@ TARGETS = np.dtype(
         ("warm", "u1"),
         ("done", "u1"),
         ("pose_disputed", "u1"),
-        ("reserved", "u1", (5,)),
+        ("movers_old", "u1"),
+        ("reserved", "u1", (4,)),
         ("box_age_s", "<f8"),
         ("pose_age_s", "<f8"),
     ]
@@ -28,7 +29,8 @@ TARGETS = np.dtype(
 """Runner to guard. `number` counts targets from 1; `stamp_s` is the monotonic clock when they were begun [s];
 `state_sequence` says from which state; `q` [rad] and `tau` [N m] in the order of `g1.ALL_JOINTS`; `warm`: everything is
 compiled; `done`: goal reached or task of the mode finished; `pose_disputed`: localization says another place than
-tracking and stays with it; ages of what was last seen of box and pose [s]. The runner's 20 joints come with waist and
+tracking and stays with it; ages of what was last seen of box and of the world [s]: `pose_age_s` is of localization or,
+`movers_old`, of what moves, which was seen longer ago. The runner's 20 joints come with waist and
 wrists, which it holds where the carry state has them: one order of joints on the whole way to the motors."""
 
 STATUS = np.dtype(

@@ -9,20 +9,23 @@ with `struct.pack`: a pose as "<4sI8d" and "<I".
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hotice.deploy.messages.invalid import InvalidMessage
+from hotice.model.scene import MAX_MOVING
 
 Array = NDArray[np.float64]
 HEAD = [("magic", "S4"), ("number", "<u4"), ("measured_s", "<f8")]
 TAIL = [("crc", "<u4")]
-POSE_MAGIC, TAGS_MAGIC = b"HTP1", b"HTT1"
+POSE_MAGIC, TAGS_MAGIC, MOVERS_MAGIC = b"HTP1", b"HTT1", b"HTM1"
 MOST_TAGS = 16
 POSE = np.dtype([*HEAD, ("position", "<f8", 3), ("quaternion", "<f8", 4), *TAIL])
 TAGS = np.dtype([*HEAD, ("count", "<u4"), ("ids", "<u4", MOST_TAGS), ("corners", "<f8", (MOST_TAGS, 4, 2)), *TAIL])
+MOVERS = np.dtype([*HEAD, ("scene", "<u4"), ("count", "<u4"), ("poses", "<f8", (MAX_MOVING, 7)), *TAIL])
 FARTHEST = 1e6
 """Numbers beyond this [m, px, s·10⁶] are none."""
 QUATERNION_LENGTH = (0.9, 1.1)
@@ -51,18 +54,10 @@ class PoseSample:
     def decode(cls, data: bytes) -> PoseSample:
         """Raises `InvalidMessage`."""
         record = _opened("pose", POSE, POSE_MAGIC, data)
-        position, quat = record["position"].copy(), record["quaternion"].copy()
+        position = record["position"].copy()
         _check("pose", "a number", position)
-        length = float(np.sqrt(quat @ quat))
-        low, high = QUATERNION_LENGTH
-        if not low <= length <= high:
-            raise InvalidMessage("number", f"pose has a quaternion of length {length:.3g}: {low} to {high} is possible")
-        return cls(
-            number=int(record["number"]),
-            measured_s=float(record["measured_s"]),
-            p_ML=position,
-            quat_ML=quat / length,
-        )
+        quat = _unit("pose", record["quaternion"].copy())
+        return cls(number=int(record["number"]), measured_s=float(record["measured_s"]), p_ML=position, quat_ML=quat)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,6 +96,52 @@ class TagSample:
         return cls(number=int(record["number"]), measured_s=float(record["measured_s"]), ids=ids, corners_px=corners)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MoverSample:
+    """Poses of all obstacles of a scene that move, in their order there, in the map M of localization."""
+
+    number: int
+    measured_s: float
+    """When they were seen, on the sender's clock [s]."""
+    scene: int
+    """Whose they are: `scene_mark` of the obstacles that move."""
+    poses_M: Array
+    """(m, 7) position in the map's unit, and quaternion wxyz, unit."""
+
+    def encode(self) -> bytes:
+        """Its bytes. Raises `InvalidMessage` for more than `MAX_MOVING` poses."""
+        count = len(self.poses_M)
+        if count > MAX_MOVING:
+            raise InvalidMessage("length", f"{count} poses: at most {MAX_MOVING} fit in a sample")
+        record = _headed(MOVERS, MOVERS_MAGIC, self.number, self.measured_s)
+        record["scene"], record["count"] = self.scene, count
+        record["poses"][:count] = self.poses_M
+        return _sealed(record)
+
+    @classmethod
+    def decode(cls, data: bytes) -> MoverSample:
+        """Raises `InvalidMessage`."""
+        record = _opened("movers", MOVERS, MOVERS_MAGIC, data)
+        count = int(record["count"])
+        if count > MAX_MOVING:
+            raise InvalidMessage("number", f"movers: {count} in one sample, 0 to {MAX_MOVING} are possible")
+        poses = record["poses"][:count].copy()
+        _check("movers", "a position", poses[:, :3])
+        for pose in poses:
+            pose[3:] = _unit("movers", pose[3:])
+        return cls(
+            number=int(record["number"]),
+            measured_s=float(record["measured_s"]),
+            scene=int(record["scene"]),
+            poses_M=poses,
+        )
+
+
+def scene_mark(names: Iterable[str]) -> int:
+    """What a sample of movers is marked by: CRC-32 of their names (UTF-8), each ended by a zero byte."""
+    return zlib.crc32(b"".join(name.encode() + b"\0" for name in names))
+
+
 def _headed(dtype: np.dtype, magic: bytes, number: int, measured_s: float) -> np.ndarray:
     record = np.zeros((), dtype)
     record["magic"], record["number"], record["measured_s"] = magic, number % (1 << 32), measured_s
@@ -123,6 +164,15 @@ def _opened(name: str, dtype: np.dtype, magic: bytes, data: bytes) -> np.ndarray
         raise InvalidMessage("crc", f"{name} came with checksum {came:#010x}, its bytes have {right:#010x}")
     _check(name, "its time", 1e-6 * record["measured_s"])
     return record
+
+
+def _unit(name: str, quat: Array) -> Array:
+    """A quaternion (4,) that is one, made a unit one."""
+    length = float(np.sqrt(quat @ quat))
+    low, high = QUATERNION_LENGTH
+    if not low <= length <= high:
+        raise InvalidMessage("number", f"{name} has a quaternion of length {length:.3g}: {low} to {high} is possible")
+    return quat / length
 
 
 def _check(name: str, what: str, values: np.ndarray) -> None:

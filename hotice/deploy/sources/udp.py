@@ -11,7 +11,7 @@ from hotice.deploy.link.protocol import LinkError
 from hotice.deploy.sources.protocol import N, Received, SourceCounts, SourceInbox
 
 LOCALHOST = "127.0.0.1"
-POSE_PORT, TAGS_PORT = 47_101, 47_102
+POSE_PORT, TAGS_PORT, MOVERS_PORT = 47_101, 47_102, 47_103
 TAKEN_AT_ONCE = 64
 LARGEST = 4096
 

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hotice.fields.solids import kind_and_size
-from hotice.model.frames import quat_to_mat
-from hotice.model.geometry.shapes import CapsuleShape, CylinderShape, MeshShape, SphereShape
+from hotice.model.geometry.extents import extent
 from hotice.model.scene import Obstacle
 
 _PAD_CELLS, _PAD_PER_M = 0.3, 2.0
@@ -33,20 +31,6 @@ def changed_boxes(changed: Sequence[Obstacle], margin_m: float, resolution_m: fl
     pad = margin_m + _PAD_CELLS * resolution_m + _PAD_PER_M * resolution_m**2
     boxes = np.empty((len(changed), 6))
     for i, obstacle in enumerate(changed):
-        centre, half = _extent(obstacle)
-        boxes[i] = *(centre - half - pad), *(centre + half + pad)
+        low, high = extent(obstacle)
+        boxes[i] = *(low - pad), *(high + pad)
     return boxes
-
-
-def _extent(obstacle: Obstacle) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centre (3,) and half extents (3,) along the axes of W [m] of a box about an obstacle."""
-    centre, radius = obstacle.bounding_ball()
-    if isinstance(obstacle.shape, MeshShape):
-        return centre, np.full(3, radius)
-    _, size = kind_and_size(obstacle.shape)
-    half = np.array(size)
-    if isinstance(obstacle.shape, (CapsuleShape, SphereShape)):
-        half = np.array([size[0], size[0], size[0] + size[1]])
-    elif isinstance(obstacle.shape, CylinderShape):
-        half = np.array([size[0], size[0], size[1]])
-    return np.array(obstacle.position_m), np.abs(quat_to_mat(obstacle.quaternion_wxyz)) @ half

@@ -53,6 +53,8 @@ def _own(config: TrainConfig, number: int, **changes: Any) -> TrainConfig:
         max_minutes=0.0,
         trials=0,
         wandb=None,
+        view=False,
+        view_port=0,
         **changes,
     )
 

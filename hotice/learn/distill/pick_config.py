@@ -44,6 +44,7 @@ class PickDistillConfig(DistillConfig):
     """Task."""
 
     CAN_TRY: ClassVar[bool] = False
+    CAN_VIEW: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -68,6 +68,11 @@ class TrainConfig:
     wandb: str | None = None
     """Project of Weights & Biases that gets what TensorBoard gets (extra `wandb`); without one nothing leaves this
     machine."""
+    view: bool = False
+    """Shows the run on a page in the browser, for this machine alone, whose address is told: its curves, and walks of
+    each new checkpoint. Another process of low priority makes them; what is learned is the same."""
+    view_port: int = 0
+    """Port of that page; 0 takes any free one."""
     physics: str = "mujoco"
     """Simulator: "mujoco" on the CPU, "warp" on an NVIDIA GPU."""
     device: str = "auto"
@@ -95,6 +100,8 @@ class TrainConfig:
 
     CAN_TRY: ClassVar[bool] = True
     """Whether `trials` may be asked for."""
+    CAN_VIEW: ClassVar[bool] = True
+    """Whether `view` may be asked for."""
     CAN_BRANCH: ClassVar[bool] = True
     """Whether `branches` may be asked for."""
     NEEDS_INIT: ClassVar[bool] = False
@@ -114,6 +121,11 @@ class TrainConfig:
             raise InvalidConfig(
                 f"trials is {self.trials}: pick-ups are scored by `hotice pickup evaluate`, leave it out"
             )
+        checks.whole("view_port", self.view_port, Range(least=0, most=65535))
+        if self.view and not self.CAN_VIEW:
+            raise InvalidConfig("view is true: pick-ups are not shown while they are learned, leave it out")
+        if self.view_port and not self.view:
+            raise InvalidConfig(f"view_port is {self.view_port!r}: there is no page without view, give both")
         if self.split.several and not self.CAN_BRANCH:
             raise InvalidConfig(
                 f"branches is {self.split.branches}, or the step of averages is not plain: a distillation is one "

@@ -39,6 +39,7 @@ class PickTrainConfig(TrainConfig):
     """Task."""
 
     CAN_TRY: ClassVar[bool] = False
+    CAN_VIEW: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

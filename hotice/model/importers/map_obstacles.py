@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from hotice.errors import InvalidMap, InvalidScene
 from hotice.model.geometry.extents import category_by_height
-from hotice.model.geometry.shapes import BoxShape, MeshShape
+from hotice.model.geometry.shapes import MeshShape
 from hotice.model.importers.bodies import Body, inside
+from hotice.model.importers.box_obstacles import box_obstacles
 from hotice.model.importers.floor import Floor
 from hotice.model.importers.meshes import MAX_BODY_FACES, export_obj, upper_side
 from hotice.model.importers.options import ImportOptions
-from hotice.model.importers.voxels import Voxels, column_extent, cover_by_boxes, occupied
+from hotice.model.importers.voxels import Voxels, cover_by_boxes, occupied
 from hotice.model.scene import COLUMN_HEIGHTS_M, Obstacle, Scene
 
 Points = NDArray[np.float64]
@@ -75,13 +76,7 @@ def boxes_of(
             f"needs {len(boxes):,} boxes of {voxel_m:g} m voxels, at most {MAX_BOXES:,} are allowed: "
             "make the crop smaller (--size-m) or the voxels larger (--voxel-m)"
         )
-    obstacles = []
-    for n, box in enumerate(boxes):
-        first, last = low + voxel_m * box[:3], np.minimum(low + voxel_m * box[3:], high)
-        kind = category_by_height(*(round(voxel_m * layer, 9) for layer in column_extent(solid, box)))
-        size, centre = np.round(last - first, 6).tolist(), np.round(0.5 * (first + last), 6).tolist()
-        obstacles.append(Obstacle(f"box_{n + 1:04d}", kind, BoxShape(tuple(size)), tuple(centre)))
-    return obstacles, group
+    return box_obstacles(solid, boxes, low, high, voxel_m, "box_{:04d}"), group
 
 
 def _middle(low: Points, high: Points) -> tuple[float, float]:

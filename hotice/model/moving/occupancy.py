@@ -17,7 +17,7 @@ from scipy import ndimage
 from hotice import checks
 from hotice.checks import Range
 from hotice.compiled import compiled
-from hotice.model.geometry.shapes import BoxShape
+from hotice.model.importers.box_obstacles import box_obstacles
 from hotice.model.importers.voxels import cover_by_boxes
 from hotice.model.moving.still import only_still
 from hotice.model.scene import Obstacle, Scene
@@ -58,9 +58,9 @@ class Occupancy:
     def __init__(self, scene: Scene, config: OccupancyConfig | None = None) -> None:
         """Raises `InvalidScene` for one in which something moves: that is to be seen, not known."""
         self.config = config or OccupancyConfig()
-        self._low, high = (np.array(corner) for corner in only_still(scene, "an occupancy").bounds_m)
+        self._low, self._high = (np.array(corner) for corner in only_still(scene, "an occupancy").bounds_m)
         size_m = self.config.voxel_m
-        self._shape = tuple(int(n) for n in np.ceil((high - self._low) / size_m - 1e-9))
+        self._shape = tuple(int(n) for n in np.ceil((self._high - self._low) / size_m - 1e-9))
         index = np.stack(np.meshgrid(*map(np.arange, self._shape), indexing="ij"), axis=-1)
         centre = self._low + size_m * (index + 0.5)
         self._known = (scene.signed_distance(centre) < self.config.known_m) | (centre[..., 2] < self.config.floor_m)
@@ -115,13 +115,8 @@ class Occupancy:
 
     def obstacles(self, time_s: float | None = None) -> tuple[Obstacle, ...]:
         """Boxes `seen_1`, `seen_2`, … whose union is what is occupied: for `LiveField.show` beside those known."""
-        solid, size_m = self.occupied(time_s), self.config.voxel_m
-        found = []
-        for n, box in enumerate(cover_by_boxes(solid)):
-            first, last = self._low + size_m * box[:3], self._low + size_m * box[3:]
-            size, centre = np.round(last - first, 6).tolist(), np.round(0.5 * (first + last), 6).tolist()
-            found.append(Obstacle(f"seen_{n + 1}", "side", BoxShape(tuple(size)), tuple(centre)))
-        return tuple(found)
+        solid = self.occupied(time_s)
+        return tuple(box_obstacles(solid, cover_by_boxes(solid), self._low, self._high, self.config.voxel_m, "seen_{}"))
 
 
 @compiled(nogil=True, error_model="numpy")

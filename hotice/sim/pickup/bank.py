@@ -14,13 +14,14 @@ from hotice.model import BoxShape, Obstacle, Scene, builder, g1
 from hotice.model.dynamics import DynamicsConfig, joint_offset, perturb
 from hotice.model.frames import quat_from_axis_angle
 from hotice.model.picks.book import PickBook
+from hotice.sim.pickup.standing import SUPPORT
+from hotice.sim.pickup.truth import true_course
 from hotice.sim.snapshot import Grasp
 
 FINE_S = 0.002
 """Physics steps up to this long have elliptic cones, solved to convergence, as in the protocol `robot` [s]."""
 TABLE_M = (0.6, 0.8)
 """Depth and width of a support."""
-SUPPORT = "support"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +31,9 @@ class PickBank:
     Attributes:
         qpos: (M, 34) start. target: (M, 20) servo targets of the end, around which actions are.
         joint_offset: (M, 20) of the encoders; kp: (M, 20) of the servos [N m/rad].
-        course_q, course_target: (M, K, 20), course_pelvis: (M, K, 2) in G, course_rate: (M, K, 2): what a teacher
-            follows; phase: (K,), share: (K,) of it that is over.
+        course_q, course_target: (M, K, 20), course_pelvis: (M, K, 2) in G, course_rate: (M, K, 2): the plan;
+            true_q, true_target, true_pelvis, true_rate: what a teacher follows, the plan changed for the masses of the
+            robot (`hotice.sim.pickup.truth`); phase: (K,), share: (K,) of it that is over.
         place: (M, 3) of the object in the carry state, in G; ankles: (M, 2) middle of the ankles in G.
         top, near: (M,) of the support. told: (M, 1) mass as told [kg]. wrist: (M, 6). shape: (M,) index into `SHAPES`.
     """
@@ -46,6 +48,10 @@ class PickBank:
     course_target: Tensor
     course_pelvis: Tensor
     course_rate: Tensor
+    true_q: Tensor
+    true_target: Tensor
+    true_pelvis: Tensor
+    true_rate: Tensor
     phase: Tensor
     share: Tensor
     place: Tensor
@@ -78,6 +84,7 @@ class PickBank:
             for i, thing in enumerate(carried)
         ]
         hands = [_ends(m, book, i) for i, m in enumerate(models)]
+        described = models
         if dynamics is not None and not dynamics.nominal:
             rngs = [np.random.default_rng([seed, 1, i]) for i in range(len(book))]
             models = [perturb(m, dynamics, rng) for m, rng in zip(models, rngs, strict=True)]
@@ -87,9 +94,16 @@ class PickBank:
 
         phase = np.asarray(book.phase)
         share = np.concatenate([np.arange(1, n + 1) / n for n in np.bincount(phase) if n])
+
+        def rate_of(place: Tensor) -> Tensor:
+            rate = torch.zeros_like(place)
+            rate[:, :-1] = (place[:, 1:] - place[:, :-1]) / control_dt_s
+            return rate
+
         pelvis = rows(book.pelvis[:, :, :2])
-        rate = torch.zeros_like(pelvis)
-        rate[:, :-1] = (pelvis[:, 1:] - pelvis[:, :-1]) / control_dt_s
+        kp, _ = g1.gains()
+        courses = [true_course(book, i, described[i], m) for i, m in enumerate(models)]
+        true_pelvis = rows([c.pelvis for c in courses])
         return cls(
             book=book,
             models=tuple(models),
@@ -100,7 +114,11 @@ class PickBank:
             course_q=rows(book.joint_pos),
             course_target=rows(book.target),
             course_pelvis=pelvis,
-            course_rate=rate,
+            course_rate=rate_of(pelvis),
+            true_q=rows([c.joint_pos for c in courses]),
+            true_target=rows([c.joint_pos + c.torque / kp for c in courses]),
+            true_pelvis=true_pelvis,
+            true_rate=rate_of(true_pelvis),
             phase=torch.tensor(phase, device=device),
             share=torch.tensor(share, dtype=torch.float32, device=device),
             place=rows(book.pelvis[:, -1] + book.end),

@@ -179,8 +179,8 @@ class PickUpEnv(BatchEnv):
         m, bank = self.memory, self.carry
         # what the next step does
         k = m.step.clamp(0, len(bank.phase) - 1)
-        course = bank.course_q[m.model, k]
-        torque = (bank.course_target[m.model, k] - course) * self._kp
+        course = bank.true_q[m.model, k]
+        torque = (bank.true_target[m.model, k] - course) * self._kp
         target = course + torque / bank.kp[m.model] + bank.joint_offset[m.model]
         target[:, g1.LOWER] += STIFFER * (course - s.q)[:, g1.LOWER]
         offset, rate = s.offset.clamp(-OFF_M, OFF_M), s.rate.clamp(-OFF_M_S, OFF_M_S)

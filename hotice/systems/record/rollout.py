@@ -14,7 +14,6 @@ from pydrake.systems.framework import Context
 
 from hotice.model import builder as models
 from hotice.model.moving.mocap import place_moving
-from hotice.model.scene import Velocity
 from hotice.policy.guidance import FieldReading
 from hotice.policy.percept import NUM_SGF, Percept
 from hotice.replay import RolloutRecord
@@ -110,13 +109,8 @@ def judge(station: Station, time_s: Array, qpos: Array) -> str:
         if failed := referee.collision(data):
             touched = referee.met(data)
             before = qpos[np.searchsorted(time_s, now_s - STANDS_S - 1e-6)]
-            met = any(o.name in touched and moves(o.velocity_at(now_s)) for o in moving)
+            met = any(o.name in touched and o.velocity_at(now_s).fastest > MOVES_M_S for o in moving)
             return "walked_into" if walked_into(met, np.linalg.norm(row[:2] - before[:2])) else failed
         if arrived(np.linalg.norm(row[:2] - station.scene.goal)):
             return "success"
     return "timeout"
-
-
-def moves(velocity: Velocity) -> bool:
-    """Whether what has this velocity moves (`hotice.task.rules`)."""
-    return max(float(np.linalg.norm(velocity.v_W)), abs(velocity.yaw_rate_rad_s)) > MOVES_M_S

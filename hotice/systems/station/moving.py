@@ -104,9 +104,7 @@ class MovingGuidance(LeafSystem):
         which = poses.tobytes()
         if self._newest is None or self._newest[0] != which:
             scene, movers = self.pf.scene, moved(self._moving, poses.reshape(-1, POSE))
-            all_ = MomentaryScene(
-                scene.name, scene.bounds_m, scene.start, scene.goal, (*scene.obstacles, *movers), scene.source
-            )
+            all_ = MomentaryScene.of(scene, (*scene.obstacles, *movers))
             nodes = self._rebuilder.solve(all_)
             self._newest = which, hod_pf_of(all_, nodes, self.pf.margin_m, self.pf.params)
         return self._newest[1]
