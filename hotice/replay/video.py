@@ -138,7 +138,7 @@ def _frames_in(path: Path) -> int:
     from imageio_ffmpeg import count_frames_and_secs
 
     try:
-        return count_frames_and_secs(str(path))[0]
+        return int(count_frames_and_secs(str(path))[0] or 0)
     except RuntimeError:
         return 0
 
