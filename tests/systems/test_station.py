@@ -191,7 +191,7 @@ def test_noise_changes_what_the_policy_reads(carry):
     "kwargs, error, message",
     [
         ({"plant": "gazebo"}, UnknownName, "unknown plant 'gazebo': known are drake, mujoco"),
-        ({"controller": "run"}, UnknownName, "unknown controller 'run': known are hold, pickup"),
+        ({"controller": "run"}, UnknownName, "unknown controller 'run': known are hold, job, pickup"),
         ({"config": "station.yaml"}, InvalidConfig, "read one with StationConfig.load"),
         ({"config": StationConfig(physics_dt_s=0.003)}, InvalidConfig, "must be a multiple"),
         ({"config": StationConfig(scene="nowhere")}, UnknownName, "unknown scene"),
