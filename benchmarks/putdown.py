@@ -29,8 +29,9 @@ from hotice.control.putdown import PutDown
 from hotice.errors import CarryInfeasible, PickInfeasible
 from hotice.model import builder, frames, g1
 from hotice.model.object_range import SHAPES
+from hotice.task.rules import HANDS_OFF_M, PLACED_M, PLACED_RAD, STOOD_S
 
-STOOD_S, LIMIT_S = 2.0, 60.0
+LIMIT_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -123,9 +124,9 @@ def score(trial: Trial, plant: TorquePlant, stood_s: float, memory, command) -> 
     causes = (
         (memory.failure, memory.failure),
         (stood_s < STOOD_S, f"stuck in {command.phase}"),
-        (off > 0.05, "not at its place"),
-        (lean > np.radians(10.0), "not upright"),
-        (apart < 0.03, "hands not off it"),
+        (off > PLACED_M, "not at its place"),
+        (lean > PLACED_RAD, "not upright"),
+        (apart < HANDS_OFF_M, "hands not off it"),
     )
     cause = next((why for wrong, why in causes if wrong), "")
     return Placed(cause, off, lean, float(apart), data.time, command.faults)

@@ -31,7 +31,7 @@ class PickBank:
     Attributes:
         qpos: (M, 34) start. target: (M, 20) servo targets of the end, around which actions are.
         joint_offset: (M, 20) of the encoders; kp: (M, 20) of the servos [N m/rad].
-        course_q, course_target: (M, K, 20), course_pelvis: (M, K, 2) in G, course_rate: (M, K, 2): the plan;
+        course_target: (M, K, 20), course_pelvis: (M, K, 2) in G: the plan;
             true_q, true_target, true_pelvis, true_rate: what a teacher follows, the plan changed for the masses of the
             robot (`hotice.sim.pickup.truth`); phase: (K,), share: (K,) of it that is over.
         place: (M, 3) of the object in the carry state, in G; ankles: (M, 2) middle of the ankles in G.
@@ -44,10 +44,8 @@ class PickBank:
     target: Tensor
     joint_offset: Tensor
     kp: Tensor
-    course_q: Tensor
     course_target: Tensor
     course_pelvis: Tensor
-    course_rate: Tensor
     true_q: Tensor
     true_target: Tensor
     true_pelvis: Tensor
@@ -111,10 +109,8 @@ class PickBank:
             target=rows(book.target[:, -1]),
             joint_offset=rows([joint_offset(m) for m in models]),
             kp=rows([m.actuator_gainprm[:, 0] for m in models]),
-            course_q=rows(book.joint_pos),
             course_target=rows(book.target),
             course_pelvis=pelvis,
-            course_rate=rate_of(pelvis),
             true_q=rows([c.joint_pos for c in courses]),
             true_target=rows([c.joint_pos + c.torque / kp for c in courses]),
             true_pelvis=true_pelvis,
